@@ -13,11 +13,13 @@
 //! | [`faults`] | faults and refusals in words |
 //! | [`control`] | orders to a robot that is being moved |
 //! | [`link`] | the host's half of the protocol, over any byte stream |
+//! | [`boards`] | several boards behind one line: one robot |
 //! | [`run`] | running a plan on a board |
 //!
 //! Files, ports, clocks and threads are left to the caller: texts come in as strings, a
 //! [`link::Link`] brings its own clock, lengths are kept by a [`run::saved::LengthStore`].
 
+pub mod boards;
 pub mod control;
 pub mod estimate;
 pub mod faults;

@@ -63,6 +63,9 @@ pub struct ChipBoard {
     positions: [i64; CABLES],
     /// Tick after which the sensors' noise was drawn.
     read_at: Tick,
+    /// The plant's cable on each channel, and whether the gripper is on this board; `None` for the
+    /// only board of a robot.
+    wired: Option<([usize; CABLES], bool)>,
 }
 
 impl ChipBoard {
@@ -85,7 +88,27 @@ impl ChipBoard {
             counters: None,
             positions: [0; CABLES],
             read_at: Tick(0),
+            wired: None,
         })
+    }
+
+    /// For these cables of a plant; `number` from 0 tells several boards of one robot apart, and
+    /// the gripper is on the first. `None` for another number of cables than the board has
+    /// channels.
+    #[must_use]
+    pub fn wired(mut self, cables: &[usize], number: u8) -> Option<Self> {
+        let cables = <[usize; CABLES]>::try_from(cables).ok()?;
+        self.wired = Some((cables, number == 0));
+        self.chip.lock().set_number(number);
+        Some(self)
+    }
+
+    /// The plant's cable on each channel.
+    fn cables(&self) -> [usize; CABLES] {
+        self.wired.map_or_else(
+            || std::array::from_fn(|channel| channel),
+            |(cables, _)| cables,
+        )
     }
 
     /// The chip, to keep while a simulation has the board.
@@ -98,14 +121,14 @@ impl ChipBoard {
     fn sense(&mut self, plant: &mut Plant, chip: &mut Chip) {
         // The sensor's noise is that of a reading as the firmware makes it, from its last sixteen
         // conversions: it is drawn once a tick, right after one, as for a board in this process.
+        let cables = self.cables();
         let sensors = if self.read_at == self.now {
-            plant.read_sensors_again()
+            plant.read_sensors_again_of(&cables)
         } else {
-            plant.read_sensors()
+            plant.read_sensors_of(&cables)
         };
         self.read_at = self.now;
-        let mut counters = [0; CABLES];
-        counters.copy_from_slice(&sensors.encoder_counts[..CABLES]);
+        let counters = cables.map(|cable| sensors.encoder_counts[cable]);
         // The counters' value at power-on is where the timers start.
         let before = self.counters.replace(counters).unwrap_or(counters);
         for (index, position) in self.positions.iter_mut().enumerate() {
@@ -119,7 +142,8 @@ impl ChipBoard {
             });
             chip.set_encoder(index + 1, shown);
         }
-        for (index, (channel, read)) in TENSION.into_iter().zip(sensors.adc).enumerate() {
+        let readings = cables.map(|cable| sensors.adc[cable]);
+        for (index, (channel, read)) in TENSION.into_iter().zip(readings).enumerate() {
             let wire = chip.jumpers.and_then(|wires| wires.tension[index]);
             let sum = wire.map_or(read, |out| if chip.is_high(out) { FULL } else { PULLED });
             chip.set_adc_sixteenths(channel, sum);
@@ -130,12 +154,14 @@ impl ChipBoard {
     }
 
     /// The chip's pins to the plant's brakes and gripper.
-    fn act(plant: &mut Plant, chip: &Chip) -> Result<(), PlantError> {
-        for (cable, drive) in chip.pins().brakes.into_iter().enumerate() {
+    fn act(&self, plant: &mut Plant, chip: &Chip) -> Result<(), PlantError> {
+        for (cable, drive) in self.cables().into_iter().zip(chip.pins().brakes) {
             // A floating pin closes the brake: the driver has a pull-down.
             plant.set_brake(cable, drive != Drive::High)?;
         }
-        plant.set_gripper(chip.pins().gripper == Drive::High);
+        if self.wired.is_none_or(|(_, first)| first) {
+            plant.set_gripper(chip.pins().gripper == Drive::High);
+        }
         Ok(())
     }
 
@@ -180,6 +206,15 @@ impl VirtualBoard for ChipBoard {
         until_us: u64,
     ) -> Result<(), PlantError> {
         plant.advance(1e-6 * SLICE_US as f64)?;
+        self.follow(plant, line, until_us)
+    }
+
+    fn follow(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
         let mut chip = self.chip.lock();
         let faults = line.bus_mut().faults_mut();
         // Taken, not read: each injected error destroys one frame.
@@ -227,6 +262,15 @@ impl VirtualBoard for ChipBoard {
         until_us: u64,
     ) -> Result<(), PlantError> {
         plant.advance(1e-6 * SLICE_US as f64)?;
+        self.follow_unpowered(plant, line, until_us)
+    }
+
+    fn follow_unpowered(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
         self.chip.lock().skip_us(SLICE_US);
         // Nobody hears the drives.
         line.nodes_mut().pass(plant, until_us, &mut |_, _, _| {})
@@ -241,7 +285,7 @@ impl VirtualBoard for ChipBoard {
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError> {
         let count = plant.cable_count();
-        if count != CABLES {
+        if count != CABLES && self.wired.is_none() {
             let reason =
                 format!("the robot has {count} cables, and this firmware drives four winches");
             return Err(PlantError::Board { reason });
@@ -261,7 +305,7 @@ impl VirtualBoard for ChipBoard {
             self.state = State::Boot;
             (self.fault, self.torque_on) = (None, false);
         }
-        Self::act(plant, &chip)?;
+        self.act(plant, &chip)?;
         let begin = send.len();
         send.extend(chip.uart_take());
         self.overhear(&send[begin..]);

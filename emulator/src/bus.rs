@@ -97,6 +97,8 @@ pub struct Identity {
     pub maker: u32,
     /// Factory's register of the flash's size, KiB.
     pub flash_kib: u32,
+    /// Tells the chips of one robot apart: it is added to the words of the chip's number.
+    pub number: u32,
 }
 
 impl Default for Identity {
@@ -105,6 +107,7 @@ impl Default for Identity {
             id_code: 0x2003_6410,
             maker: 0x20,
             flash_kib: 64,
+            number: 0,
         }
     }
 }
@@ -260,7 +263,8 @@ impl Bus {
             }
             0x1FFF_F7E0 if size == 2 || size == 4 => Ok(self.identity.flash_kib),
             0x1FFF_F7E8..0x1FFF_F7F4 if size == 4 && address & 3 == 0 => {
-                Ok(UID[((address - 0x1FFF_F7E8) / 4) as usize])
+                let word = ((address - 0x1FFF_F7E8) / 4) as usize;
+                Ok(UID[word].wrapping_add(self.identity.number))
             }
             _ => Err(trap),
         }

@@ -21,7 +21,7 @@
 //! ```
 
 use crate::control::Handle;
-use crate::link::{Link, Paced, SimulatedLink, plant_failed};
+use crate::link::{Link, Paced, SimulatedLink};
 use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Plan, PlanError, Task};
 use crate::record::events::{EventBus, TruthTap, Watched};
@@ -161,17 +161,19 @@ impl SimulatedRobot {
         };
         let mismatch = &mismatch;
         // The emulated chip is the board of the paper: it has four modules.
-        let cables = machine.cables.len();
-        if matches!(self.controller, Controller::Chip(_)) && cables != usize::from(CHIP_CABLES) {
+        let own = machine.boards.iter().map(|board| board.cables.len());
+        let cables = own
+            .chain(machine.boards.is_empty().then_some(machine.cables.len()))
+            .find(|cables| *cables != usize::from(CHIP_CABLES));
+        if let (Controller::Chip(_), Some(robot)) = (&self.controller, cables) {
             return Err(RunError::Cables {
                 board: CHIP_CABLES,
-                robot: cables,
+                robot,
             });
         }
         let plant = machine::at_rest(model, machine, mismatch, seed, None)?;
-        let simulation = machine::with_board(plant, &self.line, seed, &self.controller)
-            .map_err(|error| RunError::Client(plant_failed(error).into()))?;
-        Ok(SimulatedLink::new(simulation))
+        machine::line_to(machine, plant, &self.line, seed, &self.controller)
+            .map_err(|error| RunError::Client(error.into()))
     }
 }
 

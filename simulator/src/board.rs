@@ -2,6 +2,7 @@
 
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
+use crate::simulation::LinkOptions;
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::{self, Line, RING};
 use mcdpr_firmware::link::{Incoming, LinkState, Outgoing, Queues};
@@ -40,6 +41,31 @@ pub trait VirtualBoard {
         until_us: u64,
     ) -> Result<(), PlantError> {
         line.advance(plant, until_us)
+    }
+    /// As [`Self::advance`] for a plant that is already at the end of the slice, because several
+    /// boards share it. `until_us` is the board's own time, at most 100 µs from now.
+    ///
+    /// # Errors
+    /// The plant's.
+    fn follow(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
+        line.follow(plant, until_us)
+    }
+    /// As [`Self::follow`] while the board has no supply.
+    ///
+    /// # Errors
+    /// The plant's.
+    fn follow_unpowered(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
+        line.follow(plant, until_us)
     }
     /// One slice of time, for which [`Self::advance`] was just called: takes the received bytes,
     /// returns the bytes to send. `backlog` is the number of bytes that the line has not sent yet.
@@ -127,8 +153,46 @@ pub struct WireVersion {
     pub minor: u16,
 }
 
+/// The control core as a board for these cables of a plant; `number` from 0 tells several boards
+/// of one robot apart.
+///
+/// # Errors
+/// [`PlantError::CableCount`] for a number of cables that a board cannot drive.
+pub(crate) fn core(
+    link: &LinkOptions,
+    cables: &[usize],
+    number: u8,
+) -> Result<Box<dyn VirtualBoard + Send>, PlantError> {
+    fn of<const N: usize>(
+        link: &LinkOptions,
+        cables: &[usize],
+        number: u8,
+    ) -> Box<dyn VirtualBoard + Send> {
+        let mut board = Board::<N>::new(Tick(link.first_tick), link.version);
+        board.cables.copy_from_slice(cables);
+        board.number = number;
+        board.name();
+        Box::new(board)
+    }
+    Ok(match cables.len() {
+        1 => of::<1>(link, cables, number),
+        2 => of::<2>(link, cables, number),
+        3 => of::<3>(link, cables, number),
+        4 => of::<4>(link, cables, number),
+        5 => of::<5>(link, cables, number),
+        6 => of::<6>(link, cables, number),
+        7 => of::<7>(link, cables, number),
+        8 => of::<8>(link, cables, number),
+        count => return Err(PlantError::CableCount { count }),
+    })
+}
+
 /// The control core for `N` winches with the other parts of a board.
 pub(crate) struct Board<const N: usize> {
+    /// The plant's cable on each channel.
+    cables: [usize; N],
+    /// Which of several boards, from 0: the gripper is on the first.
+    number: u8,
     cycle: Cycle<N>,
     queues: Queues<N>,
     link: LinkState,
@@ -143,18 +207,10 @@ pub(crate) struct Board<const N: usize> {
 
 impl<const N: usize> Board<N> {
     pub(crate) fn new(first_tick: Tick, version: Option<WireVersion>) -> Self {
-        let WireVersion { major, minor } = version.unwrap_or(WireVersion {
-            major: PROTOCOL_MAJOR,
-            minor: PROTOCOL_MINOR,
-        });
-        let hello = Hello {
-            major,
-            minor,
-            board_id: *b"simulated 01",
-            git_hash: [0; 8],
-            reset_cause: ResetCause::Power,
-        };
+        let hello = hello(version, 0);
         Self {
+            cables: std::array::from_fn(|cable| cable),
+            number: 0,
             cycle: Cycle::new(true),
             queues: Queues::new(),
             link: LinkState::new(),
@@ -171,8 +227,30 @@ impl<const N: usize> Board<N> {
         }
     }
 
+    /// Takes the name that goes with its number.
+    fn name(&mut self) {
+        self.outgoing = Outgoing::new(hello(self.version, self.number));
+    }
+
     fn outputs(&self) -> &Outputs<N> {
         self.cycle.server().controller().outputs()
+    }
+}
+
+fn hello(version: Option<WireVersion>, number: u8) -> Hello {
+    let WireVersion { major, minor } = version.unwrap_or(WireVersion {
+        major: PROTOCOL_MAJOR,
+        minor: PROTOCOL_MINOR,
+    });
+    let mut board_id = *b"simulated 01";
+    // "simulated 02" is the second of several.
+    board_id[11] = b'1' + number;
+    Hello {
+        major,
+        minor,
+        board_id,
+        git_hash: [0; 8],
+        reset_cause: ResetCause::Power,
     }
 }
 
@@ -183,6 +261,9 @@ struct Rim<'a, const N: usize> {
     ring: &'a mut Ring,
     drives: &'a mut DriveBus<N>,
     line_errors: u16,
+    cables: &'a [usize; N],
+    /// Whether the gripper is on this board.
+    first: bool,
     /// The plant's result for the outputs.
     applied: Result<(), PlantError>,
 }
@@ -199,24 +280,28 @@ impl<const N: usize> Line for Rim<'_, N> {
 
 impl<const N: usize> io::Board<N> for Rim<'_, N> {
     fn read(&mut self, inputs: &mut Inputs<N>) {
-        let sensors = self.plant.read_sensors();
+        let sensors = self.plant.read_sensors_of(self.cables);
         inputs.e_stop = sensors.e_stop;
         inputs.gripper_switch = self.plant.gripper_switch();
         inputs.line_errors = self.line_errors;
-        inputs
-            .encoders
-            .copy_from_slice(&sensors.encoder_counts[..N]);
-        inputs.tension_adc.copy_from_slice(&sensors.adc[..N]);
+        for (channel, &cable) in self.cables.iter().enumerate() {
+            inputs.encoders[channel] = sensors.encoder_counts[cable];
+            inputs.tension_adc[channel] = sensors.adc[cable];
+        }
         self.drives.listen(&mut self.line.port());
         self.drives.fill(inputs);
     }
 
     fn apply(&mut self, now: Tick, config: Option<&Active<N>>, outputs: &Outputs<N>) {
-        self.plant.set_gripper(outputs.gripper_closed);
+        if self.first {
+            self.plant.set_gripper(outputs.gripper_closed);
+        }
         let mut port = self.line.port();
         self.drives.tick(now, config, outputs, &mut port);
         for (i, brake) in outputs.brakes.iter().enumerate() {
-            let applied = self.plant.set_brake(i, *brake == Brake::Closed);
+            let applied = self
+                .plant
+                .set_brake(self.cables[i], *brake == Brake::Closed);
             // The first error is the cause; later ones follow from it.
             if self.applied.is_ok() {
                 self.applied = applied;
@@ -250,6 +335,8 @@ impl<const N: usize> VirtualBoard for Board<N> {
             ring: &mut self.ring,
             drives: &mut self.drives,
             line_errors: self.line_errors,
+            cables: &self.cables,
+            first: self.number == 0,
             applied: Ok(()),
         };
         self.cycle.tick(self.now, false, &mut rim, &mut tick);
@@ -267,7 +354,10 @@ impl<const N: usize> VirtualBoard for Board<N> {
     }
 
     fn power_on(&mut self) -> Result<(), PlantError> {
+        let (cables, number) = (self.cables, self.number);
         *self = Self::new(Tick(0), self.version);
+        (self.cables, self.number) = (cables, number);
+        self.name();
         Ok(())
     }
 

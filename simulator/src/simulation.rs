@@ -1,9 +1,10 @@
 //! The whole simulated robot behind a serial line, in virtual time.
 
-use crate::board::{Board, VirtualBoard, WireVersion};
+use crate::board::{VirtualBoard, WireVersion};
 use crate::camera::Cell;
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError, Truth};
+use crate::several::Clock;
 use crate::wire::{Wire, WireFaults};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultRecord, Tick};
@@ -55,20 +56,86 @@ pub struct TracePoint {
     pub truth: Truth,
 }
 
-/// A robot, its board and the line to it, advanced by the caller.
+/// A board with its bus and its line.
+pub(crate) struct Port {
+    pub(crate) board: Box<dyn VirtualBoard + Send>,
+    pub(crate) drives: DriveLine,
+    pub(crate) to_board: Wire,
+    pub(crate) to_host: Wire,
+    pub(crate) powered: bool,
+    /// Its clock, where several boards have clocks of their own.
+    pub(crate) clock: Clock,
+    /// The plant's cables on it, where several boards share the plant.
+    pub(crate) cables: Vec<usize>,
+}
+
+impl Port {
+    pub(crate) fn new(
+        drives: DriveLine,
+        board: Box<dyn VirtualBoard + Send>,
+        link: &LinkOptions,
+        seed: u64,
+        clock: Clock,
+    ) -> Self {
+        // A salt of its own for each direction: their faults do not coincide.
+        let wire = |faults, salt| Wire::new(link.baud, link.latency_us, faults, seed ^ salt);
+        Self {
+            drives,
+            board,
+            to_board: wire(link.to_board, 0x746F_5F62),
+            to_host: wire(link.to_host, 0x746F_5F68),
+            powered: true,
+            clock,
+            cables: Vec::new(),
+        }
+    }
+
+    /// One slice of time of a board without supply; the plant is not touched.
+    pub(crate) fn lose_bytes(&mut self, now_us: u64, received: &mut Vec<u8>) {
+        received.clear();
+        // What arrives at a board without supply is lost.
+        self.to_board.make_noise(now_us);
+        self.to_board.receive(now_us, received);
+        self.to_board.take_framing_errors(now_us);
+    }
+
+    /// One slice of a board's work: bytes in, bytes out.
+    pub(crate) fn work(
+        &mut self,
+        plant: &mut Plant,
+        now_us: u64,
+        received: &mut Vec<u8>,
+        send: &mut Vec<u8>,
+    ) -> Result<(), PlantError> {
+        received.clear();
+        send.clear();
+        self.to_board.make_noise(now_us);
+        self.to_board.receive(now_us, received);
+        let line_errors = self.to_board.take_framing_errors(now_us);
+        self.board.line_errors(line_errors);
+        let backlog = self.to_host.backlog(now_us);
+        self.board
+            .tick(plant, &mut self.drives, received, backlog, send)?;
+        self.to_host.send(now_us, send);
+        Ok(())
+    }
+}
+
+/// A robot, its boards and the lines to them, advanced by the caller.
 pub struct Simulation {
-    plant: Plant,
-    drives: DriveLine,
-    board: Box<dyn VirtualBoard + Send>,
-    to_board: Wire,
-    to_host: Wire,
-    now_us: u64,
+    pub(crate) plant: Plant,
+    /// At least one.
+    pub(crate) ports: Vec<Port>,
+    pub(crate) now_us: u64,
     next_tick_us: u64,
-    received: Vec<u8>,
-    send: Vec<u8>,
-    trace: Option<Vec<TracePoint>>,
-    cell: Option<Cell>,
-    board_powered: bool,
+    pub(crate) received: Vec<u8>,
+    pub(crate) send: Vec<u8>,
+    pub(crate) trace: Option<Vec<TracePoint>>,
+    pub(crate) cell: Option<Cell>,
+    /// Path time of the first board at which the robot's path begins, ms.
+    pub(crate) path_zero_ms: u32,
+    /// True time of the plant, ns, where several boards share it.
+    pub(crate) plant_ns: u64,
 }
 
 impl Simulation {
@@ -77,19 +144,8 @@ impl Simulation {
     /// # Errors
     /// [`PlantError::CableCount`] for a number of cables that a board cannot drive.
     pub fn new(plant: Plant, link: &LinkOptions, seed: u64) -> Result<Self, PlantError> {
-        let tick = Tick(link.first_tick);
-        let count = plant.cable_count();
-        let board: Box<dyn VirtualBoard + Send> = match count {
-            1 => Box::new(Board::<1>::new(tick, link.version)),
-            2 => Box::new(Board::<2>::new(tick, link.version)),
-            3 => Box::new(Board::<3>::new(tick, link.version)),
-            4 => Box::new(Board::<4>::new(tick, link.version)),
-            5 => Box::new(Board::<5>::new(tick, link.version)),
-            6 => Box::new(Board::<6>::new(tick, link.version)),
-            7 => Box::new(Board::<7>::new(tick, link.version)),
-            8 => Box::new(Board::<8>::new(tick, link.version)),
-            _ => return Err(PlantError::CableCount { count }),
-        };
+        let cables: Vec<usize> = (0..plant.cable_count()).collect();
+        let board = crate::board::core(link, &cables, 0)?;
         Ok(Self::with_board(plant, board, link, seed))
     }
 
@@ -102,21 +158,24 @@ impl Simulation {
         link: &LinkOptions,
         seed: u64,
     ) -> Self {
-        // A salt of its own for each direction: their faults do not coincide.
-        let wire = |faults, salt| Wire::new(link.baud, link.latency_us, faults, seed ^ salt);
+        let next_tick_us = board.slice_us();
+        let drives = DriveLine::new(&plant);
+        let port = Port::new(drives, board, link, seed, Clock::default());
+        Self::of_ports(plant, vec![port], next_tick_us)
+    }
+
+    pub(crate) const fn of_ports(plant: Plant, ports: Vec<Port>, next_tick_us: u64) -> Self {
         Self {
-            next_tick_us: board.slice_us(),
-            drives: DriveLine::new(&plant),
+            next_tick_us,
             plant,
-            board,
-            to_board: wire(link.to_board, 0x746F_5F62),
-            to_host: wire(link.to_host, 0x746F_5F68),
+            ports,
             now_us: 0,
             received: Vec::new(),
             send: Vec::new(),
             trace: None,
             cell: None,
-            board_powered: true,
+            path_zero_ms: 0,
+            plant_ns: 0,
         }
     }
 
@@ -128,7 +187,7 @@ impl Simulation {
 
     /// The host sends bytes now.
     pub fn send(&mut self, bytes: &[u8]) {
-        self.to_board.send(self.now_us, bytes);
+        self.ports[0].to_board.send(self.now_us, bytes);
     }
 
     /// Advances until `until_us`, or until bytes have arrived for the host, which are appended to
@@ -138,11 +197,11 @@ impl Simulation {
     /// The plant left the region in which its physics is valid.
     pub fn advance(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<(), PlantError> {
         loop {
-            self.to_host.receive(self.now_us, into);
+            self.ports[0].to_host.receive(self.now_us, into);
             if !into.is_empty() || self.now_us >= until_us {
                 return Ok(());
             }
-            let arrival = self.to_host.next_arrival_us().unwrap_or(u64::MAX);
+            let arrival = self.ports[0].to_host.next_arrival_us().unwrap_or(u64::MAX);
             self.now_us = until_us
                 .min(arrival)
                 .min(self.next_tick_us)
@@ -160,11 +219,20 @@ impl Simulation {
     /// # Errors
     /// [`PlantError::Board`] where the board cannot start again.
     pub fn set_board_power(&mut self, on: bool) -> Result<(), PlantError> {
-        if on && !self.board_powered {
+        self.set_power_of(0, on)
+    }
+
+    /// As [`Self::set_board_power`], for one of several boards, from 0.
+    ///
+    /// # Errors
+    /// [`PlantError::Board`] where the board cannot start again.
+    pub fn set_power_of(&mut self, board: usize, on: bool) -> Result<(), PlantError> {
+        let port = &mut self.ports[board];
+        if on && !port.powered {
             self.plant.restart_encoders();
-            self.board.power_on()?;
+            port.board.power_on()?;
         }
-        self.board_powered = on;
+        port.powered = on;
         Ok(())
     }
 
@@ -174,23 +242,26 @@ impl Simulation {
             self.plant.set_brake(cable, true)?;
         }
         self.plant.set_gripper(false);
-        let (plant, line) = (&mut self.plant, &mut self.drives);
-        self.board.advance_unpowered(plant, line, self.now_us)?;
+        let port = &mut self.ports[0];
+        port.board
+            .advance_unpowered(&mut self.plant, &mut port.drives, self.now_us)?;
         // After the plant: the jaws are where the slice ends.
         if let Some(cell) = &mut self.cell {
             cell.step(&mut self.plant)?;
         }
-        self.received.clear();
-        // What arrives at a board without supply is lost.
-        self.to_board.make_noise(self.now_us);
-        self.to_board.receive(self.now_us, &mut self.received);
-        self.to_board.take_framing_errors(self.now_us);
-        self.next_tick_us += self.board.slice_us();
+        port.lose_bytes(self.now_us, &mut self.received);
+        self.next_tick_us += port.board.slice_us();
+        let tick = port.board.now();
+        self.note_unpowered(tick)
+    }
+
+    /// A point of the record while the first board has no supply.
+    pub(crate) fn note_unpowered(&mut self, tick: Tick) -> Result<(), PlantError> {
         if let Some(trace) = &mut self.trace
             && self.now_us.is_multiple_of(1000)
         {
             trace.push(TracePoint {
-                tick: self.board.now(),
+                tick,
                 state: State::Boot,
                 path_ms: 0,
                 fault: None,
@@ -202,51 +273,50 @@ impl Simulation {
     }
 
     fn tick(&mut self) -> Result<(), PlantError> {
-        if !self.board_powered {
+        let port = &mut self.ports[0];
+        if !port.powered {
             return self.unpowered();
         }
-        let slice_us = self.board.slice_us();
-        self.board
-            .advance(&mut self.plant, &mut self.drives, self.now_us)?;
+        let slice_us = port.board.slice_us();
+        port.board
+            .advance(&mut self.plant, &mut port.drives, self.now_us)?;
         if let Some(cell) = &mut self.cell {
             cell.step(&mut self.plant)?;
         }
-        let before = self.board.now();
-        self.received.clear();
-        self.send.clear();
-        self.to_board.make_noise(self.now_us);
-        self.to_board.receive(self.now_us, &mut self.received);
-        let line_errors = self.to_board.take_framing_errors(self.now_us);
-        self.board.line_errors(line_errors);
-        let backlog = self.to_host.backlog(self.now_us);
-        self.board.tick(
+        let before = port.board.now();
+        port.work(
             &mut self.plant,
-            &mut self.drives,
-            &self.received,
-            backlog,
+            self.now_us,
+            &mut self.received,
             &mut self.send,
         )?;
-        self.to_host.send(self.now_us, &self.send);
         self.next_tick_us += slice_us;
+        self.note_tick(before)
+    }
+
+    /// The record's point of a tick, if the first board's tick is no longer `before`.
+    pub(crate) fn note_tick(&mut self, before: Tick) -> Result<(), PlantError> {
         let Some(trace) = &mut self.trace else {
             return Ok(());
         };
+        let board = &mut self.ports[0].board;
+        let zero_ms = self.path_zero_ms;
         // A slice may be a part of a tick: one point per tick.
-        if self.board.now() != before {
+        if board.now() != before {
             trace.push(TracePoint {
-                tick: self.board.now(),
-                state: self.board.state(),
-                path_ms: self.board.path_ms(),
-                fault: self.board.fault(),
-                torque_on: self.board.torque_on(),
+                tick: board.now(),
+                state: board.state(),
+                path_ms: board.path_ms().saturating_sub(zero_ms),
+                fault: board.fault(),
+                torque_on: board.torque_on(),
                 truth: self.plant.truth()?,
             });
         }
         // Some boards know a tick's path time only ticks later.
-        for (tick, path_ms) in self.board.take_path_times() {
+        for (tick, path_ms) in board.take_path_times() {
             let known = trace.iter_mut().rev().find(|point| point.tick == tick);
             if let Some(point) = known {
-                point.path_ms = path_ms;
+                point.path_ms = path_ms.saturating_sub(zero_ms);
             }
         }
         Ok(())
@@ -260,7 +330,7 @@ impl Simulation {
     /// The true states since the last call, tick by tick: up to now, or to the last tick whose path
     /// time is known.
     pub fn take_trace(&mut self) -> Vec<TracePoint> {
-        let behind = self.board.path_times_behind();
+        let behind = self.ports[0].board.path_times_behind();
         let Some(trace) = &mut self.trace else {
             return Vec::new();
         };
@@ -297,36 +367,43 @@ impl Simulation {
 
     /// The drives' bus, to look at.
     #[must_use]
-    pub const fn drives(&self) -> &DriveLine {
-        &self.drives
+    pub fn drives(&self) -> &DriveLine {
+        &self.ports[0].drives
     }
 
     /// The drives' bus, to disturb: wires and electronics.
-    pub const fn drives_mut(&mut self) -> &mut DriveLine {
-        &mut self.drives
+    pub fn drives_mut(&mut self) -> &mut DriveLine {
+        &mut self.ports[0].drives
     }
 
     /// The board's state; for tests, a host asks over the line.
     #[must_use]
     pub fn state(&self) -> State {
-        self.board.state()
+        self.ports[0].board.state()
     }
 
     /// Path time of the motion in progress, ms; for tests and fault injection.
     #[must_use]
     pub fn path_ms(&self) -> u32 {
-        self.board.path_ms()
+        let port = &self.ports[0];
+        port.board.path_ms().saturating_sub(self.path_zero_ms)
     }
 
     /// The fault that the board has latched; for tests, a host asks over the line.
     #[must_use]
     pub fn fault(&self) -> Option<FaultRecord> {
-        self.board.fault()
+        self.ports.iter().find_map(|port| port.board.fault())
     }
 
     /// Changes the faults on the line from now on.
     pub fn set_link_faults(&mut self, to_board: WireFaults, to_host: WireFaults) {
-        self.to_board.set_faults(to_board);
-        self.to_host.set_faults(to_host);
+        self.set_faults_of(0, to_board, to_host);
+    }
+
+    /// Changes the faults on the line to one of several boards, from 0.
+    pub fn set_faults_of(&mut self, board: usize, to_board: WireFaults, to_host: WireFaults) {
+        let port = &mut self.ports[board];
+        port.to_board.set_faults(to_board);
+        port.to_host.set_faults(to_host);
     }
 }

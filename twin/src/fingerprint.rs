@@ -1,7 +1,7 @@
 //! A hash of everything that happens in a simulated run: the same on every computer and in a browser.
 
 use crate::events::RunEvent;
-use crate::line::{SimulatedLink, plant_failed};
+use crate::line::{SimulatedLink, in_process};
 use crate::plant::{Mismatch, at_rest};
 use crate::watched::{Sink, TruthTap, Watched};
 use mcdpr_core::control::Handle;
@@ -9,7 +9,7 @@ use mcdpr_core::link::Direction;
 use mcdpr_core::motion::{Model, Task};
 use mcdpr_core::run::{Homing, NoStore, Recorder, RunError, Session};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_simulator::LinkOptions;
 use sha2::{Digest, Sha256};
 use std::cell::{Cell, RefCell};
 
@@ -73,9 +73,9 @@ pub fn fingerprint(
     seed: u64,
 ) -> Result<Fingerprint, RunError> {
     let plant = at_rest(model, model.robot(), mismatch, seed, None)?;
-    let simulation = Simulation::new(plant, &LinkOptions::default(), seed);
-    let failed = |error| RunError::Client(plant_failed(error).into());
-    let link = SimulatedLink::new(simulation.map_err(failed)?);
+    let line = LinkOptions::default();
+    let link = SimulatedLink::of(model.robot(), plant, &line, seed, &in_process)
+        .map_err(|error| RunError::Client(error.into()))?;
     let tap = TruthTap::forgetful(link.clone(), model.robot().cables.len());
     let hasher = Hasher::default();
     let line = Watched::new(link.clone(), &hasher).with_truth(tap);

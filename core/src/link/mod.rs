@@ -11,6 +11,7 @@ mod receiver;
 mod tee;
 
 pub use client::{Client, Event};
+pub(crate) use client::{aside, check};
 pub use clock::BoardClock;
 pub use error::ClientError;
 pub use tee::{Direction, RawFrame, Tee};
@@ -155,6 +156,15 @@ pub enum LinkError {
     Broken {
         /// The system's message.
         reason: String,
+    },
+    /// Several boards do not make up the robot, or one of them failed.
+    #[error("{what}")]
+    #[diagnostic(code(mcdpr::link::boards), help("{help}"))]
+    Boards {
+        /// Which board, and what is wrong with it.
+        what: String,
+        /// What to do.
+        help: String,
     },
     /// The simulated robot left the region in which its physics is valid.
     #[error("the simulated robot failed")]

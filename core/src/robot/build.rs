@@ -44,6 +44,7 @@ pub(super) fn build(
         key!(CABLE, "anchor_mm"),
         key!(CABLE, "attachment_mm"),
         key!(CABLE, "winch"),
+        key!(CABLE, "channel"),
     ];
     let all_cables = file.take_table(key!(ROBOT, "all_cables"), &schema::CABLE);
     let all_cables = in_common(reader, all_cables, &common);
@@ -78,6 +79,8 @@ pub(super) fn build(
 
     let winches = super::winches::winches(reader, winch_tables, modules, &cable_tables);
     let cables = cables(reader, &cable_tables, &winches, winches_given);
+    let board_tables = file.take_tables(key!(ROBOT, "board"));
+    let boards = super::boards::boards(reader, &board_tables, &cable_tables);
     let bus = bus(
         reader,
         &file.take_table(key!(ROBOT, "bus"), &schema::BUS),
@@ -114,6 +117,7 @@ pub(super) fn build(
         platform,
         cables,
         winches,
+        boards,
         bus,
         tension,
         tool: Tool {

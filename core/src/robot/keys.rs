@@ -80,6 +80,12 @@ pub(crate) static ROBOT: Section = Section {
             "keys of [[winch]] for every winch that does not give its own",
         ),
         key(
+            "board",
+            Kind::Tables(&BOARD),
+            Follows("one board for all cables"),
+            "one table per board, board 1 first, if the robot has several",
+        ),
+        key(
             "bus",
             Kind::Table(&BUS),
             Follows("all defaults"),
@@ -205,6 +211,37 @@ pub(crate) static CABLE: Section = Section {
             Kind::Number(Fraction),
             Absent::Number(0.0),
             "share of the tension lost at the pulleys between winch and platform, 0 to below 1",
+        ),
+        key(
+            "board",
+            Kind::Whole(1, 8),
+            Follows("the boards in order, as many cables on each"),
+            "number of the [[board]] whose winch drives this cable, 1 for the first",
+        ),
+        key(
+            "channel",
+            Kind::Whole(1, 8),
+            Follows("the board's channels in the order of its cables"),
+            "the board's channel: winch 1 to 4 of the wiring guide",
+        ),
+    ],
+};
+
+/// `[[board]]`.
+pub(crate) static BOARD: Section = Section {
+    title: "[[board]]",
+    keys: &[
+        key(
+            "id",
+            Kind::Text,
+            Follows("any board, in the order of the ports"),
+            "the board's own number, as `mcdpr doctor` shows it, 24 hexadecimal digits",
+        ),
+        key(
+            "channels",
+            Kind::Whole(1, 8),
+            Whole(4),
+            "winches that the board drives",
         ),
     ],
 };
@@ -521,11 +558,12 @@ pub static LIMITS: Section = Section {
 };
 
 /// Every section of the file, the file itself first.
-pub(crate) static SECTIONS: [&Section; 13] = [
+pub(crate) static SECTIONS: [&Section; 14] = [
     &ROBOT,
     &PLATFORM,
     &CABLE,
     &WINCH,
+    &BOARD,
     &BUS,
     &TENSION,
     &TOOL,

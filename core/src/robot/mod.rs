@@ -15,6 +15,7 @@
 //! ```
 
 mod auto;
+mod boards;
 mod build;
 mod error;
 mod json_schema;
@@ -34,7 +35,7 @@ use std::path::PathBuf;
 pub use error::{Invalid, Problem, RobotError};
 pub use json_schema::json_schema;
 pub use model::{
-    Bus, Cable, Calibrated, Camera, Control, DriveKind, Gear, Gripper, GripperKind, LawKind,
+    Board, Bus, Cable, Calibrated, Camera, Control, DriveKind, Gear, Gripper, GripperKind, LawKind,
     Limits, Platform, Robot, Surroundings, Tag, TagPlace, TensionLaw, TensionOutput, Tool, Winch,
 };
 pub use modules::{BuiltInModules, ModuleFiles};
@@ -68,6 +69,10 @@ pub const BUILT_IN: &[(&str, &str)] = &[
     (
         "planar-four",
         include_str!("../../../robots/planar-four.toml"),
+    ),
+    (
+        "eight-two-boards",
+        include_str!("../../../robots/eight-two-boards.toml"),
     ),
     ("six-cable", include_str!("../../../robots/six-cable.toml")),
     (

@@ -22,6 +22,9 @@ pub struct Robot {
     pub cables: Vec<Cable>,
     /// The winches in the order of the file; see [`Cable::winch_index`].
     pub winches: Vec<Winch>,
+    /// The boards, if the robot has several; none is one board for all cables.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub boards: Vec<Board>,
     /// The drives' bus.
     pub bus: Bus,
     /// The law of the tension-held cables.
@@ -125,6 +128,15 @@ pub struct Cable {
     pub routing_length_m: f64,
     /// Share of the tension lost at the pulleys, 0 to below 1.
     pub pulley_loss: f64,
+}
+
+/// One of several boards.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Board {
+    /// The board's own number, hexadecimal; `None` takes any board, in the order of the lines.
+    pub id: Option<String>,
+    /// The cable on each of its channels: index into [`Robot::cables`], channel 1 first.
+    pub cables: Vec<usize>,
 }
 
 /// Protocol of a motor drive.

@@ -73,6 +73,11 @@ impl Chip {
         self.bus.identity = identity;
     }
 
+    /// Tells the chips of one robot apart by their numbers.
+    pub(crate) fn set_number(&mut self, number: u8) {
+        self.bus.identity.number = u32::from(number);
+    }
+
     /// The CAN controller stops sending and receiving, or works again.
     pub fn break_can(&mut self, broken: bool) {
         self.bus.can.broken = broken;

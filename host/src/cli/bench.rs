@@ -100,7 +100,7 @@ impl Cmd {
 
 fn open(common: &Common) -> miette::Result<Box<dyn Link>> {
     if common.on != "sim" {
-        return Ok(Box::new(common.open_port().map_err(ClientError::from)?));
+        return Ok(Box::new(common.open_one_port().map_err(ClientError::from)?));
     }
     if common.controller.firmware().is_none() {
         return Err(BenchError::NoChip.into());

@@ -73,7 +73,7 @@ fn ask_before(common: &Common) -> Outcome {
             "no port is named, so the board is not asked whether it is armed: brakes close as soon as it is written; `--on PORT` asks",
         )
     } else {
-        let link = common.open_port().map_err(ClientError::from)?;
+        let link = common.open_one_port().map_err(ClientError::from)?;
         crate::flash::ask_before(link, new_session())?
     };
     if let Some(warning) = warning {
@@ -116,7 +116,7 @@ fn write(image: &Image, probe: Option<&str>, common: &Common) -> miette::Result<
     if common.on == "sim" {
         return Ok(None);
     }
-    let link = common.open_port().map_err(ClientError::from)?;
+    let link = common.open_one_port().map_err(ClientError::from)?;
     let mut client = Client::connect(link, new_session())?;
     let hello = *client.hello();
     client.request(mcdpr_protocol::Request::Close)?;

@@ -68,7 +68,7 @@ pub use dry::{DRY_RUNS, DryRun, commands};
 
 use crate::calibration::collect::CollectError;
 use crate::chart::PlotFormat;
-use crate::link::{LinkError, SerialLink};
+use crate::link::{LinkError, PortLink, SerialLines, SerialLink};
 use crate::machine::{Controller, Firmware, Mismatch};
 use crate::run::RunError;
 use clap::{Args, Parser, Subcommand};
@@ -102,12 +102,12 @@ pub(crate) struct Common {
     #[arg(long, global = true, value_name = "FILE|none")]
     pub calibration: Option<String>,
     /// Connection to the robot: `sim` (simulated in this process), `chip` (simulated, controlled by
-    /// the firmware file on an emulated chip) or a serial port
+    /// the firmware file on an emulated chip) or a serial port; of a robot with several boards the port of each
     #[arg(
         long,
         global = true,
         default_value = "sim",
-        value_name = "sim|chip|PORT"
+        value_name = "sim|chip|PORT[,PORT]"
     )]
     pub on: String,
     /// The firmware file for `--on chip`; else MCDPR_FIRMWARE, else the output of `cargo fw`
@@ -198,11 +198,67 @@ impl Common {
         self.plots.unwrap_or_default()
     }
 
-    /// Opens the serial port of `--on`, with the time scale of `--time-scale`.
+    /// Opens the serial port of `--on`, or those of all boards of the robot, with the time scale of
+    /// `--time-scale`.
     ///
     /// # Errors
-    /// Those of [`SerialLink::open`].
-    pub(crate) fn open_port(&self) -> Result<SerialLink, LinkError> {
+    /// Those of [`SerialLink::open`]; [`LinkError::Boards`] where the robot has another number of
+    /// boards.
+    pub(crate) fn open_port(&self) -> Result<PortLink, LinkError> {
+        let scale = self.time_scale.unwrap_or(1.0);
+        let names: Vec<&str> = self.on.split(',').map(str::trim).collect();
+        // A robot that cannot be read has been reported by its command, or is not needed by it.
+        let designed = crate::robot::find(&self.robot).ok();
+        let several = designed.is_some_and(|robot| !robot.boards.is_empty());
+        let wrong = |what: String, help: &str| LinkError::Boards {
+            what,
+            help: help.to_owned(),
+        };
+        if !several {
+            return match names.as_slice() {
+                [name] => Ok(PortLink::One(SerialLink::open(name)?.at_scale(scale))),
+                _ => Err(wrong(
+                    format!(
+                        "{} ports are given, but the robot has one board",
+                        names.len()
+                    ),
+                    "give its port alone, or name the robot of these boards with --robot",
+                )),
+            };
+        }
+        // With its calibration: the boards' configuration has it.
+        let robot = self
+            .robot()
+            .map_err(|error| wrong(error.to_string(), "see docs/robot-file.md"))?;
+        if names.len() != robot.boards.len() {
+            return Err(wrong(
+                format!(
+                    "the robot has {} boards, but --on gives {} port(s)",
+                    robot.boards.len(),
+                    names.len()
+                ),
+                "give one port per board, with commas: --on PORT,PORT",
+            ));
+        }
+        let lines = SerialLines::open(&names, scale)?;
+        let boards = mcdpr_core::boards::Boards::new(&robot, lines);
+        let boards = boards.map_err(|error| wrong(error.to_string(), "see docs/robot-file.md"))?;
+        boards
+            .map(|boards| PortLink::Several(Box::new(boards)))
+            .ok_or_else(|| wrong("the robot has one board".into(), "give its port alone"))
+    }
+
+    /// Opens the one serial port of `--on`, for work on a single board.
+    ///
+    /// # Errors
+    /// Those of [`SerialLink::open`]; [`LinkError::Boards`] for several ports.
+    pub(crate) fn open_one_port(&self) -> Result<SerialLink, LinkError> {
+        if self.on.contains(',') {
+            return Err(LinkError::Boards {
+                what: "this command works on one board at a time".into(),
+                help: "give that board's port alone".into(),
+            });
+        }
         Ok(SerialLink::open(&self.on)?.at_scale(self.time_scale.unwrap_or(1.0)))
     }
 

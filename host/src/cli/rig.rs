@@ -240,9 +240,14 @@ impl Cmd {
             plant.break_cable(cable).map_err(broken)?;
         }
         let options = LinkOptions::default();
-        let simulation = machine::with_board(plant, &options, common.seed, &common.controller)
-            .map_err(broken)?;
-        Ok(SimulatedLink::new(simulation))
+        let line = machine::line_to(
+            model.robot(),
+            plant,
+            &options,
+            common.seed,
+            &common.controller,
+        );
+        line.map_err(|error| RunError::Client(error.into()))
     }
 
     fn spool(
@@ -424,7 +429,7 @@ fn words(tensions_n: &[f64]) -> String {
 
 fn port(common: &Common) -> Result<SerialLink, RunError> {
     common
-        .open_port()
+        .open_one_port()
         .map_err(|error| RunError::from(ClientError::from(error)))
 }
 

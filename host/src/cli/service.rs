@@ -52,7 +52,7 @@ pub(crate) fn connected<T>(
     };
     on_record(common, &about, |record| {
         if common.on != "sim" {
-            let line = record.line(common.open_port().map_err(ClientError::from)?);
+            let line = record.line(common.open_one_port().map_err(ClientError::from)?);
             return work((Client::connect(line, record.session)?, None));
         }
         let real = machine.really(robot)?;

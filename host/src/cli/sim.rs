@@ -13,6 +13,8 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 mod eye;
+#[cfg(unix)]
+mod several;
 
 use eye::{Below, Eye};
 
@@ -73,6 +75,14 @@ impl Cmd {
             .controller(&common.controller)
             .at_home(&model)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        #[cfg(unix)]
+        if !robot.boards.is_empty() {
+            if self.camera.is_some() || !faults.is_empty() {
+                let reason = "it is not possible for a robot of several boards; use --on sim";
+                return Err(Failed::from_error("--camera or --fault")(reason).into());
+            }
+            return several::serve(&link, common, scale);
+        }
         let below = Below {
             objects: self.objects,
             ideal: self.ideal,

@@ -3,6 +3,7 @@
 mod meanwhile;
 mod paced;
 mod serial;
+mod several;
 
 pub use mcdpr_core::faults::{advice, describe_fault, describe_reject};
 pub use mcdpr_core::link::*;
@@ -12,3 +13,4 @@ pub(crate) use meanwhile::meanwhile;
 pub(crate) use paced::Paced;
 pub(crate) use serial::list_ports;
 pub use serial::{BAUD, SerialLink};
+pub(crate) use several::{PortLink, SerialLines};

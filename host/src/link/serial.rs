@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 pub const BAUD: u32 = 921_600;
 
 /// Longest single wait on the port: also the grain of time when nothing arrives.
-const MAX_WAIT: Duration = Duration::from_millis(2);
+pub(super) const MAX_WAIT: Duration = Duration::from_millis(2);
 /// A write that takes longer means that the bridge is gone.
-const WRITE_TIMEOUT_US: u64 = 200_000;
+pub(super) const WRITE_TIMEOUT_US: u64 = 200_000;
 
 /// A serial port with the machine's monotonic clock.
 pub struct SerialLink {
@@ -75,7 +75,7 @@ fn no_port(name: &str) -> LinkError {
     }
 }
 
-fn explain(name: &str, error: &serialport::Error) -> LinkError {
+pub(super) fn explain(name: &str, error: &serialport::Error) -> LinkError {
     let port = name.to_owned();
     match error.kind() {
         ErrorKind::Io(std::io::ErrorKind::NotFound) => no_port(name),
@@ -148,12 +148,12 @@ impl Link for SerialLink {
     }
 }
 
-fn may_retry(error: &std::io::Error) -> bool {
+pub(super) fn may_retry(error: &std::io::Error) -> bool {
     use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
     matches!(error.kind(), Interrupted | TimedOut | WouldBlock)
 }
 
-fn broken(error: &std::io::Error) -> LinkError {
+pub(super) fn broken(error: &std::io::Error) -> LinkError {
     LinkError::Broken {
         reason: error.to_string(),
     }

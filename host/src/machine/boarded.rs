@@ -1,6 +1,7 @@
 //! The simulated robot with a board in front of it.
 
 use super::{Controller, Mismatch, plant_params};
+use crate::link::{LinkError, SimulatedLink};
 use crate::robot::Robot;
 use mcdpr_simulator::plant::{Plant, PlantError, PlantParams};
 use mcdpr_simulator::{LinkOptions, Simulation};
@@ -21,6 +22,28 @@ pub fn simulate_unloaded(
         ..plant_params(robot, mismatch, seed)
     };
     with_board(Plant::new(params, seed)?, link, seed, controller)
+}
+
+/// A line to the plant of a robot in its present state, with the boards that the robot has.
+///
+/// # Errors
+/// If no board supports such a robot.
+pub fn line_to(
+    robot: &Robot,
+    plant: Plant,
+    link: &LinkOptions,
+    seed: u64,
+    controller: &Controller,
+) -> Result<SimulatedLink, LinkError> {
+    SimulatedLink::of(robot, plant, link, seed, &|cables, number| {
+        let Controller::Chip(firmware) = controller else {
+            return Ok(None);
+        };
+        let board = firmware.board_for(cables, number);
+        board.map(Some).ok_or_else(|| PlantError::Board {
+            reason: "there is no emulated chip in this program".to_owned(),
+        })
+    })
 }
 
 /// A plant in its present state, behind a line, with a board that controls it.

@@ -133,6 +133,26 @@ impl Firmware {
         mcdpr_emulator::ChipBoard::load(&self.bytes).ok()
     }
 
+    /// As [`Self::board`], for these cables of a plant; `number` from 0 tells several boards of one
+    /// robot apart.
+    #[must_use]
+    pub(crate) fn board_for(
+        &self,
+        cables: &[usize],
+        number: u8,
+    ) -> Option<Box<dyn mcdpr_simulator::VirtualBoard + Send>> {
+        #[cfg(feature = "emulator")]
+        let board = self.board()?.wired(cables, number)?;
+        #[cfg(not(feature = "emulator"))]
+        let board = {
+            let _ = (cables, number);
+            self.board()?
+        };
+        #[cfg(feature = "emulator")]
+        let board: Box<dyn mcdpr_simulator::VirtualBoard + Send> = Box::new(board);
+        Some(board)
+    }
+
     /// A chip with this file: not in this build.
     #[cfg(not(feature = "emulator"))]
     #[must_use]

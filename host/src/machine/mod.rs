@@ -3,7 +3,7 @@
 mod boarded;
 mod firmware;
 
-pub use boarded::{simulate_unloaded, with_board};
+pub use boarded::{line_to, simulate_unloaded, with_board};
 pub use firmware::{Controller, Firmware, FirmwareError};
 pub use mcdpr_core::machine::*;
 pub use mcdpr_twin::plant::{GearMismatch, Mismatch, at_rest, hang, plant_params};

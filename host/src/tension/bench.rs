@@ -4,7 +4,7 @@
 use crate::experiment::Experiment;
 use crate::link::{Client, ClientError, Link, SimulatedLink, plant_failed};
 use crate::machine::{
-    Controller, GearMismatch, Mismatch, hang, plant_params, reference, with_board,
+    Controller, GearMismatch, Mismatch, hang, line_to, plant_params, reference,
 };
 use crate::motion::{Model, Task};
 use crate::record::events::TruthTap;
@@ -282,10 +282,9 @@ impl<'l> Bench<'l> {
         change.apply(&mut params);
         let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
         let (pose, held) = (&home.equilibrium.pose, model.holding().by_tension());
-        let simulation = hang(params, pose, home.tensions_n(), held, seed)
-            .and_then(|plant| with_board(plant, &LinkOptions::default(), seed, controller))
-            .map_err(broken)?;
-        let link = SimulatedLink::new(simulation);
+        let plant = hang(params, pose, home.tensions_n(), held, seed).map_err(broken)?;
+        let link = line_to(robot, plant, &LinkOptions::default(), seed, controller)
+            .map_err(|error| RunError::Client(error.into()))?;
         let truth = TruthTap::new(link.clone(), robot.cables.len());
         let line = watch(link.clone(), truth.clone());
         let mut client = Client::connect(line, SessionId(1))?;

@@ -10,11 +10,11 @@ use mcdpr_core::motion::{FITTING, Model, PAPER_HEIGHT_M, Task};
 use mcdpr_core::robot::BUILT_IN;
 use mcdpr_core::run::{Homing, NoStore, Recorder, RunError, Session};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_simulator::LinkOptions;
 use mcdpr_twin::attend::{Attendant, Wanted};
 use mcdpr_twin::faults::FaultyLink;
 use mcdpr_twin::feed::describe;
-use mcdpr_twin::line::{SimulatedLink, plant_failed};
+use mcdpr_twin::line::{SimulatedLink, in_process};
 use mcdpr_twin::plans::Plans;
 use mcdpr_twin::viewer::{Message, Viewer};
 use mcdpr_twin::{Feed, FeedWatcher, RunEvent, Sink, TruthTap, Watched, Watcher as _};
@@ -136,9 +136,9 @@ impl<'a> Stage<'a> {
         let place_m = settings.place_m();
         let plant = mcdpr_twin::plant::at_rest(&model, model.robot(), &mismatch, seed, place_m)
             .map_err(words)?;
-        let simulation = Simulation::new(plant, &LinkOptions::default(), seed)
-            .map_err(|error| plant_failed(error).to_string())?;
-        let plant = SimulatedLink::new(simulation);
+        let line = LinkOptions::default();
+        let plant = SimulatedLink::of(model.robot(), plant, &line, seed, &in_process)
+            .map_err(|error| error.to_string())?;
         let own = named(&model, Task::fitting_name(&model))?;
         let stage = Self {
             host,

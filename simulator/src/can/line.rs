@@ -35,6 +35,13 @@ impl DriveLine {
         }
     }
 
+    /// The drives of these cables of a plant, on a bus of their bit rate.
+    pub(crate) fn of(plant: &Plant, cables: &[usize]) -> Self {
+        let mut line = Self::new(plant);
+        line.nodes.keep(cables);
+        line
+    }
+
     /// Runs bus, drives and plant until `until_us`, a multiple of 100 µs later.
     ///
     /// # Errors
@@ -43,6 +50,18 @@ impl DriveLine {
         while self.now_us < until_us {
             let end_us = until_us.min(self.now_us + STEP_US);
             plant.advance(1e-6 * (end_us - self.now_us) as f64)?;
+            self.follow(plant, end_us)?;
+        }
+        Ok(())
+    }
+
+    /// Runs bus and drives until `end_us`, at most 100 µs later. The plant is there already: several
+    /// boards share it.
+    ///
+    /// # Errors
+    /// The plant's.
+    pub fn follow(&mut self, plant: &mut Plant, end_us: u64) -> Result<(), PlantError> {
+        {
             // The plant's `bus_off` means dead wires: here they are shorted.
             self.bus.faults_mut().shorted = plant.faults().bus_off;
             for drive in 0..self.nodes.len() {

@@ -48,6 +48,8 @@ enum Electronics {
 pub struct DriveNodes {
     nodes: Vec<Electronics>,
     faults: [NodeFault; MAX_CABLES],
+    /// Whether a drive is on another board's bus.
+    elsewhere: [bool; MAX_CABLES],
 }
 
 /// Queue of frames that a node wants to send: time in µs, frame.
@@ -68,6 +70,14 @@ impl DriveNodes {
         Self {
             nodes: nodes.collect(),
             faults: [NodeFault::default(); MAX_CABLES],
+            elsewhere: [false; MAX_CABLES],
+        }
+    }
+
+    /// Only the drives of these cables are on this bus.
+    pub(crate) fn keep(&mut self, cables: &[usize]) {
+        for (index, elsewhere) in self.elsewhere.iter_mut().enumerate() {
+            *elsewhere = !cables.contains(&index);
         }
     }
 
@@ -107,6 +117,9 @@ impl DriveNodes {
             return Ok(());
         }
         for (index, node) in self.nodes.iter_mut().enumerate() {
+            if self.elsewhere[index] {
+                continue;
+            }
             let fault = &self.faults[index];
             // A controller does not receive its own frames.
             if from == Some(index) || plant.faults().cables[index].drive.ignores_commands {
@@ -141,6 +154,9 @@ impl DriveNodes {
         send: &mut dyn FnMut(usize, u64, CanFrame),
     ) -> Result<(), PlantError> {
         for (index, node) in self.nodes.iter_mut().enumerate() {
+            if self.elsewhere[index] {
+                continue;
+            }
             let fault = &self.faults[index];
             let silent = fault.silent || plant.faults().cables[index].drive.silent;
             let mut out = |at, frame| {

@@ -224,16 +224,27 @@ impl Plant {
     /// Reads all inputs of the board. Draws fresh noise at each call, so the number of readings
     /// is part of a run's history.
     pub fn read_sensors(&mut self) -> Sensors {
-        self.sensed(true)
+        self.sensed(true, |_| true)
+    }
+
+    /// As [`Plant::read_sensors`], for a board that drives only these cables: the others read zero,
+    /// and their noise is not drawn.
+    pub fn read_sensors_of(&mut self, cables: &[usize]) -> Sensors {
+        self.sensed(true, |cable| cables.contains(&cable))
+    }
+
+    /// As [`Plant::read_sensors_again`], for a board that drives only these cables.
+    pub fn read_sensors_again_of(&mut self, cables: &[usize]) -> Sensors {
+        self.sensed(false, |cable| cables.contains(&cable))
     }
 
     /// The present inputs, with the tension sensors' noise of the last [`Plant::read_sensors`]: for
     /// a board that samples more often than it reads.
     pub fn read_sensors_again(&mut self) -> Sensors {
-        self.sensed(false)
+        self.sensed(false, |_| true)
     }
 
-    fn sensed(&mut self, fresh: bool) -> Sensors {
+    fn sensed(&mut self, fresh: bool, wanted: impl Fn(usize) -> bool) -> Sensors {
         let now_s = self.time_s();
         let mut out = Sensors {
             encoder_counts: [0; MAX_CABLES],
@@ -241,7 +252,7 @@ impl Plant {
             feedback: [None; MAX_CABLES],
             e_stop: self.e_stop,
         };
-        for i in 0..self.cables.len() {
+        for i in (0..self.cables.len()).filter(|&i| wanted(i)) {
             let (counts, adc) = self.sensors[i].read(
                 self.winches[i].drum_m,
                 self.hung_n[i].unwrap_or(self.cables[i].tension.winch_n),

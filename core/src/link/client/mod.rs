@@ -3,6 +3,7 @@
 //! One thread, one loop: [`Client::pump`] feeds the board, so the heartbeat stops when the feeding
 //! stops, as it should. The loop reads only the link's clock.
 
+pub(crate) mod aside;
 mod upkeep;
 mod wire;
 
@@ -66,6 +67,30 @@ struct Pending {
     result: Option<Result<Reply, Reject>>,
 }
 
+/// Refuses a board of another version.
+///
+/// # Errors
+/// [`ClientError::Version`].
+pub(crate) fn check(hello: &Hello) -> Result<(), ClientError> {
+    // Before anything else: another version may understand every later message differently
+    // (L17).
+    match hello.compatibility() {
+        Compatibility::Full => {}
+        other => {
+            return Err(ClientError::Version {
+                board_major: hello.major,
+                board_minor: hello.minor,
+                remedy: if other == Compatibility::BoardOlder {
+                    "flash this program's firmware: `cargo flash-fw`"
+                } else {
+                    "update this program to the board's version, or flash this program's firmware: `cargo flash-fw`"
+                },
+            });
+        }
+    }
+    Ok(())
+}
+
 /// A connection to one board.
 pub struct Client<L: Link> {
     link: L,
@@ -87,6 +112,12 @@ pub struct Client<L: Link> {
     /// When a frame of the board last arrived, and when this loop last ran, µs.
     heard_us: u64,
     looped_us: u64,
+    /// Requests besides the sequence, with their outcomes.
+    asides: Vec<aside::Aside>,
+    aside_count: u16,
+    replies: VecDeque<(Request, Result<Reply, Reject>)>,
+    /// Heartbeats are sent at varying times within a tick of the board; how many were.
+    spread: Option<u64>,
 }
 
 impl<L: Link> Client<L> {
@@ -98,22 +129,17 @@ impl<L: Link> Client<L> {
     pub fn connect(mut link: L, session: SessionId) -> Result<Self, ClientError> {
         let mut receiver = Receiver::default();
         let hello = wire::find(&mut link, &mut receiver)?;
-        // Before anything else: another version may understand every later message differently
-        // (L17).
-        match hello.compatibility() {
-            Compatibility::Full => {}
-            other => {
-                return Err(ClientError::Version {
-                    board_major: hello.major,
-                    board_minor: hello.minor,
-                    remedy: if other == Compatibility::BoardOlder {
-                        "flash this program's firmware: `cargo flash-fw`"
-                    } else {
-                        "update this program to the board's version, or flash this program's firmware: `cargo flash-fw`"
-                    },
-                });
-            }
+        check(&hello)?;
+        let mut client = Self::idle(link, session, hello);
+        if let Reply::Info(info) = client.request(Request::Info)? {
+            client.info = info;
         }
+        client.claim()?;
+        Ok(client)
+    }
+
+    /// A client of the board that said this hello, which it has not claimed yet.
+    pub(crate) fn idle(link: L, session: SessionId, hello: Hello) -> Self {
         let mut client = Self {
             link,
             hello,
@@ -129,7 +155,7 @@ impl<L: Link> Client<L> {
             next: SequenceNumber(0),
             pending: VecDeque::new(),
             done: VecDeque::new(),
-            receiver,
+            receiver: Receiver::default(),
             heartbeat_us: None,
             beat: None,
             clock: BoardClock::default(),
@@ -140,14 +166,14 @@ impl<L: Link> Client<L> {
             handle: Handle::new(),
             heard_us: 0,
             looped_us: 0,
+            asides: Vec::new(),
+            aside_count: 0,
+            replies: VecDeque::new(),
+            spread: None,
         };
         // Silence counts from now on, not from the link's zero.
         (client.heard_us, client.looped_us) = (client.link.now_us(), client.link.now_us());
-        if let Reply::Info(info) = client.request(Request::Info)? {
-            client.info = info;
-        }
-        client.claim()?;
-        Ok(client)
+        client
     }
 
     fn claim(&mut self) -> Result<(), ClientError> {
@@ -165,9 +191,7 @@ impl<L: Link> Client<L> {
                 Err(error) => return Err(error),
             }
         }
-        // The first heartbeat is due at once: a board that hears none stops after 100 ms.
-        self.heartbeat_us = Some(0);
-        self.heard_us = self.link.now_us();
+        self.claimed();
         Ok(())
     }
 

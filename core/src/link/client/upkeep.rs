@@ -18,11 +18,12 @@ impl<L: Link> Client<L> {
     pub(super) fn next_due_us(&self) -> u64 {
         let beat = self
             .heartbeat_us
-            .map_or(u64::MAX, |last| last + HEARTBEAT_US);
+            .map_or(u64::MAX, |last| last + self.heartbeat_pause_us());
+        let aside = self.aside_due_us();
         let waiting = self.pending.iter().find(|pending| pending.result.is_none());
         let retry = waiting.map_or(u64::MAX, |pending| pending.sent_us + RETRY_US);
         let idle = self.link.now_us() + HEARTBEAT_US;
-        beat.min(retry).min(idle)
+        beat.min(retry).min(idle).min(aside)
     }
 
     pub(super) fn upkeep(&mut self) -> Result<(), ClientError> {
@@ -37,14 +38,16 @@ impl<L: Link> Client<L> {
         }
         if self
             .heartbeat_us
-            .is_some_and(|last| now >= last + HEARTBEAT_US)
+            .is_some_and(|last| now >= last + self.heartbeat_pause_us())
         {
             self.heartbeat_us = Some(now);
+            self.spread = self.spread.map(|count| count + 1);
             let request = Request::Heartbeat {
                 host_time_us: wire::wrapping_us(now),
             };
             self.transmit(SequenceNumber(self.next.0 ^ 0x8001), &request)?;
         }
+        self.ask_again(now)?;
         let Some(oldest) = self.pending.iter().find(|pending| pending.result.is_none()) else {
             return Ok(());
         };
@@ -160,6 +163,9 @@ impl<L: Link> Client<L> {
             });
             return Ok(());
         }
+        let Some(answer) = self.take_aside(answer) else {
+            return Ok(());
+        };
         if let Err(Reject::Sequence { expected }) = answer.result {
             // After one lost frame the board complains about each later one: a single answer is
             // enough.

@@ -15,6 +15,13 @@ fn frame(channel: Channel, body: &[u8]) -> Vec<u8> {
     out.get(..used).unwrap_or_default().to_vec()
 }
 
+/// The frame that asks a board who it is, after a delimiter that ends any frame sent in part.
+pub(super) fn hello_query() -> Vec<u8> {
+    let mut bytes = vec![0];
+    bytes.extend(frame(Channel::HelloQuery, &[]));
+    bytes
+}
+
 /// A request in its frame.
 pub(super) fn command(session: SessionId, sequence: SequenceNumber, request: &Request) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];

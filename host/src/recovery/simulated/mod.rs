@@ -119,10 +119,10 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
         model.holding().by_tension(),
         case.seed,
     );
-    let simulation = machine::hang(params, pose, home.tensions_n(), held, seed).and_then(|plant| {
-        machine::with_board(plant, &LinkOptions::default(), seed, &case.controller)
-    });
-    let link = SimulatedLink::new(simulation.map_err(plant)?);
+    let hung = machine::hang(params, pose, home.tensions_n(), held, seed).map_err(plant)?;
+    let line = LinkOptions::default();
+    let link = machine::line_to(robot, hung, &line, seed, &case.controller)
+        .map_err(|error| RunError::Client(error.into()))?;
     link.with(Simulation::record_truth);
     let mut injections = vec![Injection {
         lasts_s: Some(case.lasts_s),

@@ -1,0 +1,158 @@
+//! Which cable is on which channel of which board, and messages split and joined by it.
+
+use crate::robot::Robot;
+use mcdpr_protocol::config::{BoardKey, KeyMeaning};
+use mcdpr_protocol::{ConfigEntry, ConfigKey, FaultRecord, Knot, List, PerCable, Reject};
+
+/// The cables of each board: index of the robot's cable by channel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Layout {
+    boards: Vec<Vec<usize>>,
+    cables: usize,
+}
+
+impl Layout {
+    /// Of a robot; `None` for one with a single board.
+    pub(super) fn of(robot: &Robot) -> Option<Self> {
+        if robot.boards.is_empty() {
+            return None;
+        }
+        let boards = robot.boards.iter().map(|board| board.cables.clone());
+        Some(Self {
+            boards: boards.collect(),
+            cables: robot.cables.len(),
+        })
+    }
+
+    /// Boards.
+    pub(super) fn len(&self) -> usize {
+        self.boards.len()
+    }
+
+    /// Cables of the robot.
+    pub(super) fn cables(&self) -> usize {
+        self.cables
+    }
+
+    /// Cables on a board, by channel.
+    pub(super) fn of_board(&self, board: usize) -> &[usize] {
+        self.boards.get(board).map_or(&[], Vec::as_slice)
+    }
+
+    /// Board and channel of a cable.
+    pub(super) fn place(&self, cable: usize) -> Option<(usize, usize)> {
+        self.boards.iter().enumerate().find_map(|(board, cables)| {
+            let channel = cables.iter().position(|other| *other == cable)?;
+            Some((board, channel))
+        })
+    }
+
+    /// The values of a board's cables.
+    pub(super) fn part<T: Clone>(&self, board: usize, whole: &[T]) -> PerCable<T> {
+        let cables = self.of_board(board).iter();
+        PerCable::collect(cables.filter_map(|cable| whole.get(*cable).cloned()))
+    }
+
+    /// The values of all cables from those of each board.
+    pub(super) fn whole<T: Clone + Default>(&self, parts: &[&[T]]) -> PerCable<T> {
+        PerCable::collect((0..self.cables).map(|cable| {
+            self.place(cable)
+                .and_then(|(board, channel)| parts.get(board)?.get(channel).cloned())
+                .unwrap_or_default()
+        }))
+    }
+
+    /// Bits of all cables from those of each board's channels.
+    pub(super) fn whole_bits(&self, parts: impl Iterator<Item = u8>) -> u8 {
+        let mut bits = 0;
+        for (board, part) in parts.enumerate() {
+            for (channel, cable) in self.of_board(board).iter().enumerate() {
+                bits |= (part >> channel & 1) << cable;
+            }
+        }
+        bits
+    }
+
+    /// The robot's number of a board's cable, both from 1; 0 is no cable.
+    pub(super) fn number(&self, board: usize, number: u8) -> u8 {
+        let channel = usize::from(number).checked_sub(1);
+        let cable = channel.and_then(|channel| self.of_board(board).get(channel));
+        cable.map_or(0, |cable| u8::try_from(cable + 1).unwrap_or(0))
+    }
+
+    /// A board's fault in the robot's numbers of cables.
+    pub(super) fn fault(&self, board: usize, record: FaultRecord) -> FaultRecord {
+        FaultRecord {
+            cable: self.number(board, record.cable),
+            ..record
+        }
+    }
+
+    /// A board's refusal in the robot's numbers of cables.
+    pub(super) fn reject(&self, board: usize, reject: Reject) -> Reject {
+        let of = |cable| self.number(board, cable);
+        match reject {
+            Reject::KnotStart { cable, gap } => Reject::KnotStart {
+                cable: of(cable),
+                gap,
+            },
+            Reject::KnotLength { cable } => Reject::KnotLength { cable: of(cable) },
+            Reject::KnotSpeed { cable } => Reject::KnotSpeed { cable: of(cable) },
+            Reject::KnotTension { cable } => Reject::KnotTension { cable: of(cable) },
+            Reject::KnotAcceleration { cable } => Reject::KnotAcceleration { cable: of(cable) },
+            Reject::KnotJerk { cable } => Reject::KnotJerk { cable: of(cable) },
+            Reject::Faulted { record } => Reject::Faulted {
+                record: self.fault(board, record),
+            },
+            other => other,
+        }
+    }
+
+    /// A board's part of the robot's configuration.
+    pub(super) fn configuration(&self, board: usize, whole: &[ConfigEntry]) -> Vec<ConfigEntry> {
+        let cables = self.of_board(board);
+        let mut part: Vec<ConfigEntry> = whole
+            .iter()
+            .filter_map(|entry| match entry.key.meaning()? {
+                KeyMeaning::Board(BoardKey::Cables) => Some(ConfigEntry {
+                    value: i32::try_from(cables.len()).ok()?,
+                    ..*entry
+                }),
+                KeyMeaning::Board(_) => Some(*entry),
+                KeyMeaning::Cable(cable, key) => {
+                    let channel = cables.iter().position(|c| *c == usize::from(cable))?;
+                    Some(ConfigEntry {
+                        key: ConfigKey::cable(u8::try_from(channel).ok()?, key),
+                        ..*entry
+                    })
+                }
+            })
+            .collect();
+        // The hash is over ascending keys, and channels may be in another order than cables.
+        part.sort_by_key(|entry| entry.key.0);
+        part
+    }
+
+    /// A board's part of a knot. A consistency check that needs cables of other boards is left
+    /// out: no board can compute it.
+    pub(super) fn knot(&self, board: usize, whole: &Knot) -> Knot {
+        let cables = self.of_board(board);
+        let mine = |row: &&mcdpr_protocol::ResidualRow| {
+            let others = |list: &[mcdpr_protocol::Coefficient]| {
+                let mut list = list.iter().enumerate();
+                list.all(|(cable, value)| value.0 == 0 || cables.contains(&cable))
+            };
+            others(&row.lengths) && others(&row.tensions)
+        };
+        let rows = whole.rows.iter().filter(mine);
+        Knot {
+            cables: self.part(board, &whole.cables),
+            rows: List::collect(rows.map(|row| mcdpr_protocol::ResidualRow {
+                lengths: self.part(board, &row.lengths),
+                tensions: self.part(board, &row.tensions),
+                limit: row.limit,
+            })),
+            ..whole.clone()
+        }
+    }
+}

@@ -1,0 +1,590 @@
+//! Several boards as one: behind a [`Link`] that speaks the protocol of a single board.
+//!
+//! The host's logic (sessions, plans, jogging, records, pages) speaks to one board with all cables.
+//! [`Boards`] is that board: it takes the requests apart, speaks to each real board by a client of
+//! its own, and joins what they say. All or none: a request is done when every board has done it,
+//! and a board that stops, holds, faults or falls silent stops the others in the same way.
+//!
+//! The first board's ticks are the robot's clock. How motions start and stay together is in
+//! `course.rs`, how the clocks are compared in `phase.rs`.
+
+mod claim;
+mod course;
+mod layout;
+mod motion;
+mod phase;
+mod port;
+mod relay;
+mod samples;
+mod state;
+
+use crate::link::aside::hello_query;
+use crate::link::{Client, Event, Link, LinkError};
+use crate::machine::{OutOfRange, configuration, hash_of};
+use crate::robot::Robot;
+use claim::Claim;
+use course::Course;
+use layout::Layout;
+use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
+use mcdpr_protocol::message::{decode_command, encode_answer, encode_status};
+use mcdpr_protocol::{
+    Answer, BoardState, Channel, Command, ConfigEntry, ConfigHash, Deframer, Hello, Knot, Reject,
+    Reply, Request, SequenceNumber, SessionId, Status,
+};
+use phase::Phase;
+use port::Port;
+use samples::Merger;
+use std::collections::VecDeque;
+
+/// The lines to several boards, with one clock.
+pub trait Lines {
+    /// Lines.
+    fn count(&self) -> usize;
+    /// Time at which the last call returned, µs. Never runs backwards.
+    fn now_us(&self) -> u64;
+    /// Sends bytes on one line now.
+    ///
+    /// # Errors
+    /// The line is gone.
+    fn send(&mut self, line: usize, bytes: &[u8]) -> Result<(), LinkError>;
+    /// Waits until bytes have arrived on any line or until `until_us`; appends the bytes of each
+    /// line to its place of `into`, and gives the time.
+    ///
+    /// # Errors
+    /// A line is gone.
+    fn receive(&mut self, until_us: u64, into: &mut [Vec<u8>]) -> Result<u64, LinkError>;
+    /// What messages call a line.
+    fn name(&self, line: usize) -> String;
+    /// The robot's path begins at this path time of the first board, ms. Only simulated robots
+    /// use it.
+    fn path_begins(&mut self, _ms: u32) {}
+    /// Whether its time runs while no call waits ([`Link::goes_on`]).
+    fn goes_on(&self) -> bool {
+        false
+    }
+}
+
+/// A request of the host that waits for the boards.
+#[derive(Debug)]
+struct Waiting {
+    sequence: SequenceNumber,
+    /// Answers of boards that are still to come.
+    left: usize,
+    result: Result<Reply, Reject>,
+    /// It is answered when all boards were seen to move.
+    start: bool,
+    /// It changes the boards' states.
+    changes: bool,
+}
+
+/// A request of the host besides the sequence that waits for the boards.
+#[derive(Debug)]
+struct Asked {
+    sequence: SequenceNumber,
+    request: Request,
+    replies: Vec<Option<Result<Reply, Reject>>>,
+}
+
+/// A request to one board that is to be sent, or was.
+#[derive(Debug)]
+struct Errand {
+    request: Request,
+    /// The host's request that it is a part of.
+    of: Option<SequenceNumber>,
+}
+
+/// What is known of one board.
+struct Member {
+    client: Client<Port>,
+    phase: Phase,
+    /// When the heartbeat of the last answer that was looked at was sent, µs.
+    seen_us: u64,
+    todo: VecDeque<Errand>,
+    issued: VecDeque<Option<SequenceNumber>>,
+    /// Its state, and when it surely was: host time, µs.
+    state: BoardState,
+    state_us: u64,
+}
+
+/// Several boards behind one line.
+pub struct Boards<L: Lines> {
+    lines: L,
+    /// The line of each board.
+    line_of: Vec<usize>,
+    layout: Layout,
+    ids: Vec<Option<String>>,
+    whole: (Vec<ConfigEntry>, ConfigHash),
+    parts: Vec<(Vec<ConfigEntry>, ConfigHash)>,
+    claim: Claim,
+    members: Vec<Member>,
+    deframer: Deframer,
+    /// Bytes for the host.
+    out: Vec<u8>,
+    session: SessionId,
+    expected: SequenceNumber,
+    waiting: VecDeque<Waiting>,
+    asked: Vec<Asked>,
+    /// Knots of a motion that has not started.
+    ahead: VecDeque<Knot>,
+    /// Entries of a configuration that is being sent.
+    entries: Vec<ConfigEntry>,
+    course: Option<Course>,
+    merger: Merger,
+    /// Answers older than this say nothing about the state that was asked for, µs.
+    since_us: u64,
+    /// The last stop that was passed on because of a board, and when, µs.
+    relayed: Option<(mcdpr_protocol::StopKind, u64)>,
+    /// What the host was told last.
+    told: Option<(BoardState, Option<mcdpr_protocol::FaultRecord>, u64)>,
+    /// The board whose fault came first.
+    culprit: Option<usize>,
+}
+
+impl<L: Lines> Boards<L> {
+    /// The boards of a robot behind these lines; `None` for a robot with one board.
+    ///
+    /// # Errors
+    /// A value of the robot does not fit a board's configuration.
+    pub fn new(robot: &Robot, lines: L) -> Result<Option<Self>, OutOfRange> {
+        let Some(layout) = Layout::of(robot) else {
+            return Ok(None);
+        };
+        let entries = configuration(robot)?;
+        let parts = (0..layout.len()).map(|board| {
+            let part = layout.configuration(board, &entries);
+            let hash = hash_of(&part);
+            (part, hash)
+        });
+        Ok(Some(Self {
+            line_of: (0..layout.len()).collect(),
+            ids: robot.boards.iter().map(|board| board.id.clone()).collect(),
+            parts: parts.collect(),
+            whole: (entries.clone(), hash_of(&entries)),
+            merger: Merger::new(layout.len()),
+            layout,
+            lines,
+            claim: Claim::default(),
+            members: Vec::new(),
+            deframer: Deframer::new(),
+            out: Vec::new(),
+            session: SessionId(0),
+            expected: SequenceNumber(0),
+            waiting: VecDeque::new(),
+            asked: Vec::new(),
+            ahead: VecDeque::new(),
+            entries: Vec::new(),
+            course: None,
+            since_us: 0,
+            relayed: None,
+            told: None,
+            culprit: None,
+        }))
+    }
+
+    /// The lines, to look at or to disturb.
+    pub const fn lines(&mut self) -> &mut L {
+        &mut self.lines
+    }
+
+    /// What messages call a board.
+    fn name(&self, board: usize) -> String {
+        let line = self.line_of.get(board).copied().unwrap_or(board);
+        format!("board {} ({})", board + 1, self.lines.name(line))
+    }
+
+    /// Forgets the boards and asks who is there.
+    fn ask_who(&mut self) -> Result<(), LinkError> {
+        self.members.clear();
+        self.waiting.clear();
+        self.asked.clear();
+        self.ahead.clear();
+        self.course = None;
+        (self.relayed, self.told, self.culprit) = (None, None, None);
+        self.merger = Merger::new(self.layout.len());
+        self.claim = Claim::begun(self.lines.count(), self.lines.now_us());
+        for line in 0..self.lines.count() {
+            self.lines.send(line, &hello_query())?;
+        }
+        Ok(())
+    }
+
+    /// A frame of the host.
+    fn hear(&mut self, channel: Channel, body: &[u8]) -> Result<(), LinkError> {
+        match channel {
+            Channel::HelloQuery if self.claim.is_asking() => self.ask_missing(),
+            Channel::HelloQuery => self.ask_who(),
+            Channel::Command => match decode_command(body) {
+                Some(command) => self.command(command),
+                None => Ok(()),
+            },
+            // Only boards send these.
+            _ => Ok(()),
+        }
+    }
+
+    fn answer(&mut self, sequence: SequenceNumber, result: Result<Reply, Reject>) {
+        let mut frame = [0; MAX_FRAME];
+        let used = encode_answer(&Answer { sequence, result }, &mut frame).unwrap_or(0);
+        self.out.extend(frame.iter().take(used));
+    }
+
+    fn tell_hello(&mut self, hello: &Hello) {
+        let mut frame = [0; MAX_FRAME];
+        let used = encode_bytes(Channel::Hello, &hello.to_bytes(), &mut frame).unwrap_or(0);
+        self.out.extend(frame.iter().take(used));
+    }
+
+    fn tell_status(&mut self, status: &Status) {
+        let mut frame = [0; MAX_FRAME];
+        let used = encode_status(status, &mut frame).unwrap_or(0);
+        self.out.extend(frame.iter().take(used));
+    }
+
+    /// A request of the host.
+    fn command(&mut self, command: Command) -> Result<(), LinkError> {
+        let Command {
+            session,
+            sequence,
+            request,
+        } = command;
+        if self.members.is_empty() {
+            return Ok(());
+        }
+        match request {
+            Request::Heartbeat { host_time_us } => {
+                if let Some(beat) = self.beat(host_time_us) {
+                    self.answer(sequence, Ok(beat));
+                }
+                Ok(())
+            }
+            request if !request.is_sequenced() => self.ask(session, sequence, request),
+            request => {
+                match sequence.since(self.expected) {
+                    0 => self.expected = sequence.next(),
+                    // It was heard before: its answer is under way.
+                    ..0 => return Ok(()),
+                    _ => {
+                        let expected = self.expected;
+                        self.answer(sequence, Err(Reject::Sequence { expected }));
+                        return Ok(());
+                    }
+                }
+                self.execute(sequence, request);
+                Ok(())
+            }
+        }
+    }
+
+    /// A request besides the sequence.
+    fn ask(
+        &mut self,
+        session: SessionId,
+        sequence: SequenceNumber,
+        request: Request,
+    ) -> Result<(), LinkError> {
+        // Asked again before the answer.
+        if self.asked.iter().any(|asked| asked.sequence == sequence) {
+            return Ok(());
+        }
+        if request == Request::Open {
+            if self.session != session {
+                self.enter(session);
+            }
+            self.expected = sequence.next();
+        }
+        let only = match request {
+            Request::Winch { cable } => {
+                let place = usize::from(cable).checked_sub(1);
+                let place = place.and_then(|cable| self.layout.place(cable));
+                let Some((board, channel)) = place else {
+                    self.answer(sequence, Err(Reject::Unsupported));
+                    return Ok(());
+                };
+                let cable = u8::try_from(channel + 1).unwrap_or(0);
+                Some((board, Request::Winch { cable }))
+            }
+            _ => None,
+        };
+        let mut replies = Vec::new();
+        for (board, member) in self.members.iter_mut().enumerate() {
+            let mine = match &only {
+                Some((wanted, request)) if *wanted == board => request.clone(),
+                Some(_) => {
+                    replies.push(Some(Ok(Reply::Done)));
+                    continue;
+                }
+                None => request.clone(),
+            };
+            replies.push(None);
+            member.client.post(mine).map_err(|error| lost(&error))?;
+        }
+        self.asked.push(Asked {
+            sequence,
+            request,
+            replies,
+        });
+        Ok(())
+    }
+
+    /// A sequenced request.
+    fn execute(&mut self, sequence: SequenceNumber, request: Request) {
+        let now_us = self.lines.now_us();
+        let done = |result| (result, Vec::new());
+        let boards = self.members.len();
+        let all = |request: &Request| {
+            let each = (0..boards).map(|board| (board, request.clone()));
+            (Ok(Reply::Done), each.collect::<Vec<_>>())
+        };
+        let (result, errands) = match &request {
+            Request::ConfigBegin { .. } => {
+                self.entries.clear();
+                done(Ok(Reply::Done))
+            }
+            Request::ConfigPut { entries } => {
+                self.entries.extend(entries.iter().copied());
+                done(Ok(Reply::Done))
+            }
+            Request::ConfigCommit { hash } => self.commit(*hash),
+            Request::Reference { lengths, tensions } => {
+                let each = (0..boards).map(|board| {
+                    let lengths = self.layout.part(board, lengths);
+                    let tensions = self.layout.part(board, tensions);
+                    (board, Request::Reference { lengths, tensions })
+                });
+                (Ok(Reply::Done), each.collect())
+            }
+            Request::Arm { config_hash } if *config_hash != self.whole.1 => {
+                done(Err(Reject::ConfigHash {
+                    board: self.whole.1,
+                    host: *config_hash,
+                }))
+            }
+            Request::Arm { .. } => {
+                let parts = self.parts.iter().enumerate();
+                let each = parts.map(|(board, (_, hash))| {
+                    let config_hash = *hash;
+                    (board, Request::Arm { config_hash })
+                });
+                (Ok(Reply::Done), each.collect())
+            }
+            Request::Knot(knot) => self.knot(knot),
+            Request::Start => self.start(),
+            Request::Discard => {
+                self.ahead.clear();
+                self.course = None;
+                all(&request)
+            }
+            // The gripper is on the first board.
+            Request::Gripper { .. } => (Ok(Reply::Done), vec![(0, request.clone())]),
+            Request::Close
+            | Request::Disarm
+            | Request::Resume
+            | Request::ClearFault
+            | Request::Samples { .. } => all(&request),
+            // Work on one winch or one board is done with that board's own line.
+            _ => done(Err(Reject::Unsupported)),
+        };
+        let changes = matches!(
+            request,
+            Request::Arm { .. }
+                | Request::Disarm
+                | Request::Start
+                | Request::Resume
+                | Request::ClearFault
+        );
+        if changes {
+            self.since_us = now_us;
+            self.relayed = None;
+        }
+        self.waiting.push_back(Waiting {
+            sequence,
+            left: errands.len(),
+            start: request == Request::Start && result.is_ok(),
+            result,
+            changes,
+        });
+        for (board, request) in errands {
+            if let Some(member) = self.members.get_mut(board) {
+                let of = Some(sequence);
+                member.todo.push_back(Errand { request, of });
+            }
+        }
+    }
+
+    /// The configuration of every board, if the host's is the robot's.
+    fn commit(&self, hash: ConfigHash) -> (Result<Reply, Reject>, Vec<(usize, Request)>) {
+        if hash != self.whole.1 || self.entries != self.whole.0 {
+            let board = self.whole.1;
+            return (Err(Reject::ConfigHash { board, host: hash }), Vec::new());
+        }
+        let mut errands = Vec::new();
+        for (board, (entries, hash)) in self.parts.iter().enumerate() {
+            let count = u16::try_from(entries.len()).unwrap_or(u16::MAX);
+            errands.push((board, Request::ConfigBegin { entries: count }));
+            for chunk in entries.chunks(mcdpr_protocol::message::CONFIG_CHUNK) {
+                let entries = mcdpr_protocol::List::collect(chunk.iter().copied());
+                errands.push((board, Request::ConfigPut { entries }));
+            }
+            errands.push((board, Request::ConfigCommit { hash: *hash }));
+        }
+        (Ok(Reply::Configured { hash }), errands)
+    }
+
+    /// Passes bytes between lines and clients, and does all that is due now.
+    fn turn(&mut self) -> Result<(), LinkError> {
+        if self.claim.is_asking() {
+            return Ok(());
+        }
+        let now_us = self.lines.now_us();
+        for board in 0..self.members.len() {
+            let Some(member) = self.members.get_mut(board) else {
+                break;
+            };
+            member.client.link_mut().now_us = now_us;
+            while member.client.has_room()
+                && let Some(errand) = member.todo.pop_front()
+            {
+                member.issued.push_back(errand.of);
+                let sent = member.client.enqueue(errand.request);
+                sent.map_err(|error| lost(&error))?;
+            }
+            if let Err(error) = member.client.work() {
+                return Err(self.give_up(board, &error));
+            }
+            self.take_from(board);
+        }
+        self.settle_asked()?;
+        self.watch(now_us)?;
+        self.go_on();
+        self.settle_waiting(now_us);
+        self.tell(now_us);
+        self.flush()
+    }
+
+    /// Sends what the clients have put out.
+    fn flush(&mut self) -> Result<(), LinkError> {
+        for (member, line) in self.members.iter_mut().zip(&self.line_of) {
+            let bytes = std::mem::take(&mut member.client.link_mut().outbox);
+            if !bytes.is_empty() {
+                self.lines.send(*line, &bytes)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Outcomes and events of one board.
+    fn take_from(&mut self, board: usize) {
+        let Some(member) = self.members.get_mut(board) else {
+            return;
+        };
+        while let Some((_, result)) = member.client.next_outcome() {
+            let Some(Some(of)) = member.issued.pop_front() else {
+                continue;
+            };
+            let waiting = self.waiting.iter_mut().find(|w| w.sequence == of);
+            if let Some(waiting) = waiting {
+                waiting.left = waiting.left.saturating_sub(1);
+                if let (Err(reject), true) = (result, waiting.result.is_ok()) {
+                    waiting.result = Err(self.layout.reject(board, reject));
+                }
+            }
+        }
+        while let Some((request, result)) = member.client.next_reply() {
+            let asked = self.asked.iter_mut().find(|asked| {
+                let same =
+                    std::mem::discriminant(&asked.request) == std::mem::discriminant(&request);
+                same && asked.replies.get(board).is_some_and(Option::is_none)
+            });
+            if let Some(place) = asked.and_then(|asked| asked.replies.get_mut(board)) {
+                *place = Some(result);
+            }
+        }
+        if let Some(beat) = member.client.beat()
+            && beat.sent_us != member.seen_us
+        {
+            member.seen_us = beat.sent_us;
+            let received_us = beat.sent_us + beat.round_trip_us;
+            member.phase.observe(beat.tick, beat.sent_us, received_us);
+            (member.state, member.state_us) = (beat.state, beat.sent_us);
+            self.see_motion(board, &beat);
+        }
+        let Some(member) = self.members.get_mut(board) else {
+            return;
+        };
+        while let Some(event) = member.client.next_event() {
+            match event {
+                Event::Status(status) => {
+                    if status.fault.is_some() {
+                        self.culprit.get_or_insert(board);
+                    }
+                }
+                Event::Samples(block) => self.merger.take(board, &member.phase, &block),
+            }
+        }
+    }
+
+    /// When something is due besides bytes from the lines, µs.
+    fn due_us(&self) -> u64 {
+        let clients = self.members.iter().map(|member| member.client.due_us());
+        let watch_us = self.watch_due_us();
+        clients.min().unwrap_or(u64::MAX).min(watch_us)
+    }
+}
+
+impl<L: Lines> Link for Boards<L> {
+    fn now_us(&self) -> u64 {
+        self.lines.now_us()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        let mut frames = Vec::new();
+        for &byte in bytes {
+            if let Some(Ok((channel, body))) = self.deframer.push(byte) {
+                frames.push((channel, body.to_vec()));
+            }
+        }
+        for (channel, body) in frames {
+            self.hear(channel, &body)?;
+        }
+        self.turn()
+    }
+
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        loop {
+            if !self.out.is_empty() {
+                into.append(&mut self.out);
+                return Ok(self.lines.now_us());
+            }
+            let now_us = self.lines.now_us();
+            if now_us >= until_us {
+                return Ok(now_us);
+            }
+            let mut arrived = vec![Vec::new(); self.lines.count()];
+            // A heartbeat that is due now was sent by the turn before: time must pass.
+            let due_us = self.due_us().max(now_us + 1);
+            let now_us = self.lines.receive(until_us.min(due_us), &mut arrived)?;
+            if self.claim.is_asking() {
+                self.hear_hellos(&mut arrived)?;
+            }
+            for (member, line) in self.members.iter_mut().zip(&self.line_of) {
+                let port = member.client.link_mut();
+                port.now_us = now_us;
+                if let Some(bytes) = arrived.get_mut(*line) {
+                    port.inbox.append(bytes);
+                }
+            }
+            self.turn()?;
+        }
+    }
+
+    fn goes_on(&self) -> bool {
+        self.lines.goes_on()
+    }
+}
+
+fn lost(error: &crate::link::ClientError) -> LinkError {
+    LinkError::Boards {
+        what: error.to_string(),
+        help: "check power and line of every board, then connect again".into(),
+    }
+}

@@ -1,0 +1,197 @@
+//! Several boards on one plant, each with its own clock, bus and line.
+//!
+//! Every board counts its own milliseconds: its crystal is off by some parts in a million, and its
+//! first tick begins somewhere within a millisecond. The plant has the true time. It advances to
+//! each board's next step in turn, so that every board reads its sensors and sets its outputs when
+//! its own clock says so.
+
+use crate::board::{VirtualBoard, core};
+use crate::can::DriveLine;
+use crate::plant::{Plant, PlantError};
+use crate::simulation::{LinkOptions, Port, Simulation};
+
+/// Step of a board's bus, µs of the board's time: one step of the plant.
+const STEP_US: u64 = 100;
+
+/// A board's clock against true time.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BoardTime {
+    /// How much slower than true its crystal is, parts in a million; negative is faster.
+    pub slow_ppm: f64,
+    /// When its first millisecond begins, true time, µs.
+    pub begins_us: f64,
+}
+
+/// A board's clock and how far it has come.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Clock {
+    time: BoardTime,
+    /// Steps done.
+    steps: u64,
+}
+
+impl Clock {
+    /// True time of the end of a step, ns.
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "hours in ns are exact"
+    )]
+    fn end_ns(&self, step_us: u64) -> u64 {
+        let own_us = ((self.steps + 1) * step_us) as f64;
+        let true_us = self.time.begins_us + own_us * (1.0 + self.time.slow_ppm * 1e-6);
+        (true_us * 1e3) as u64
+    }
+}
+
+/// One of several boards.
+pub struct BoardPlace {
+    /// The plant's cable on each of its channels, from 0.
+    pub cables: Vec<usize>,
+    /// Its clock.
+    pub time: BoardTime,
+    /// Its line.
+    pub link: LinkOptions,
+    /// The board; `None` is the control core in this process.
+    pub board: Option<Box<dyn VirtualBoard + Send>>,
+}
+
+fn step_of(port: &Port) -> u64 {
+    port.board.slice_us().min(STEP_US)
+}
+
+impl Simulation {
+    /// Several boards just after power-on, on a plant that was placed before. The gripper is on the
+    /// first.
+    ///
+    /// # Errors
+    /// [`PlantError::CableCount`] for a number of cables that a board cannot drive, and for no board.
+    pub fn with_boards(
+        plant: Plant,
+        places: Vec<BoardPlace>,
+        seed: u64,
+    ) -> Result<Self, PlantError> {
+        let mut ports = Vec::new();
+        for (number, place) in (0_u8..).zip(places) {
+            let board = match place.board {
+                Some(board) => board,
+                None => core(&place.link, &place.cables, number)?,
+            };
+            let clock = Clock {
+                time: place.time,
+                steps: 0,
+            };
+            let drives = DriveLine::of(&plant, &place.cables);
+            let seed = seed ^ (u64::from(number) << 32);
+            let mut port = Port::new(drives, board, &place.link, seed, clock);
+            port.cables = place.cables;
+            ports.push(port);
+        }
+        if ports.is_empty() {
+            return Err(PlantError::CableCount { count: 0 });
+        }
+        Ok(Self::of_ports(plant, ports, 0))
+    }
+
+    /// Boards.
+    #[must_use]
+    pub fn boards(&self) -> usize {
+        self.ports.len()
+    }
+
+    /// The host sends bytes now, to one of several boards, from 0.
+    pub fn send_to(&mut self, board: usize, bytes: &[u8]) {
+        self.ports[board].to_board.send(self.now_us, bytes);
+    }
+
+    /// As [`Simulation::advance`] for several lines: until bytes have arrived on any of them, which
+    /// are appended to its place of `into`.
+    ///
+    /// # Errors
+    /// The plant left the region in which its physics is valid.
+    pub fn advance_all(&mut self, until_us: u64, into: &mut [Vec<u8>]) -> Result<(), PlantError> {
+        loop {
+            for (port, into) in self.ports.iter_mut().zip(into.iter_mut()) {
+                port.to_host.receive(self.now_us, into);
+            }
+            if into.iter().any(|bytes| !bytes.is_empty()) || self.now_us >= until_us {
+                return Ok(());
+            }
+            let arrivals = self
+                .ports
+                .iter()
+                .filter_map(|p| p.to_host.next_arrival_us());
+            let arrival_us = arrivals.min().unwrap_or(u64::MAX);
+            let next = self.ports.iter().enumerate();
+            let next = next.map(|(index, port)| (port.clock.end_ns(step_of(port)), index));
+            let Some((due_ns, board)) = next.min() else {
+                return Ok(());
+            };
+            let due_us = due_ns.div_ceil(1000);
+            let wait_us = until_us.min(arrival_us);
+            if wait_us < due_us {
+                self.now_us = self.now_us.max(wait_us);
+                continue;
+            }
+            self.now_us = self.now_us.max(due_us);
+            self.step_board(board, due_ns)?;
+        }
+    }
+
+    /// Lets one board do its next step, at true time `due_ns`.
+    fn step_board(&mut self, board: usize, due_ns: u64) -> Result<(), PlantError> {
+        #[expect(clippy::cast_precision_loss, reason = "at most a step")]
+        let duration_s = due_ns.saturating_sub(self.plant_ns) as f64 * 1e-9;
+        self.plant.advance(duration_s)?;
+        self.plant_ns = self.plant_ns.max(due_ns);
+        let now_us = self.now_us;
+        let port = &mut self.ports[board];
+        let step_us = step_of(port);
+        port.clock.steps += 1;
+        let own_us = port.clock.steps * step_us;
+        let (plant, drives) = (&mut self.plant, &mut port.drives);
+        if !port.powered {
+            for &cable in &port.cables {
+                plant.set_brake(cable, true)?;
+            }
+            port.board.follow_unpowered(plant, drives, own_us)?;
+            port.lose_bytes(now_us, &mut self.received);
+            let tick = port.board.now();
+            return if board == 0 && own_us.is_multiple_of(1000) {
+                self.note_unpowered(tick)
+            } else {
+                Ok(())
+            };
+        }
+        port.board.follow(plant, drives, own_us)?;
+        if !own_us.is_multiple_of(port.board.slice_us()) {
+            return Ok(());
+        }
+        if board == 0
+            && let Some(cell) = &mut self.cell
+        {
+            cell.step(&mut self.plant)?;
+        }
+        let before = port.board.now();
+        port.work(&mut self.plant, now_us, &mut self.received, &mut self.send)?;
+        if board == 0 {
+            self.note_tick(before)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// The robot's path begins when the first board's path time is this, ms: the record counts from
+    /// there.
+    pub const fn set_path_zero(&mut self, ms: u32) {
+        self.path_zero_ms = ms;
+    }
+
+    /// Path time of one of several boards, ms, and its state; for tests.
+    #[must_use]
+    pub fn look_at(&self, board: usize) -> (mcdpr_firmware::State, u32) {
+        let board = &self.ports[board].board;
+        (board.state(), board.path_ms())
+    }
+}

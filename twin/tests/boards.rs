@@ -1,0 +1,386 @@
+//! One robot on several boards: start, clocks, and stops that are those of all.
+
+use mcdpr_core::control::{Handle, Order};
+use mcdpr_core::link::{ClientError, Link, LinkError};
+use mcdpr_core::motion::{Model, Plan, Task};
+use mcdpr_core::robot::{BuiltInModules, Robot};
+use mcdpr_core::run::{Homing, NoStore, Recorder, RunError, Session};
+use mcdpr_protocol::{BoardState, SessionId};
+use mcdpr_simulator::{BoardTime, LinkOptions, Simulation, TracePoint, WireFaults};
+use mcdpr_twin::SimulatedLink;
+use mcdpr_twin::line::in_process;
+use mcdpr_twin::plant::{Mismatch, at_rest};
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// Crystals 120 ppm apart, ticks three quarters of a millisecond apart.
+const APART: [BoardTime; 2] = [
+    BoardTime {
+        slow_ppm: 60.0,
+        begins_us: 110.0,
+    },
+    BoardTime {
+        slow_ppm: -60.0,
+        begins_us: 860.0,
+    },
+];
+
+fn model() -> Model {
+    Model::new(&Robot::built_in("eight-two-boards").unwrap()).unwrap()
+}
+
+fn robot_line(model: &Model, seed: u64, times: &[BoardTime]) -> SimulatedLink {
+    let robot = model.robot();
+    let plant = at_rest(model, robot, &Mismatch::default(), seed, None).unwrap();
+    let line = LinkOptions::default();
+    SimulatedLink::timed(robot, plant, &line, seed, &in_process, times).unwrap()
+}
+
+/// A line that looks at the boards while its time passes, and disturbs the robot once.
+struct Watching<F> {
+    inner: SimulatedLink,
+    act: F,
+    seen: Rc<RefCell<Vec<(u64, [BoardState; 2])>>>,
+}
+
+impl<F: FnMut(&mut Simulation, u64)> Link for Watching<F> {
+    fn now_us(&self) -> u64 {
+        self.inner.now_us()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.inner.send(bytes)
+    }
+
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        loop {
+            let piece_us = until_us.min(self.inner.now_us() + 250);
+            let before = into.len();
+            let now = self.inner.receive(piece_us, into)?;
+            let states = self.inner.with(|simulation| {
+                (self.act)(simulation, now);
+                [simulation.look_at(0).0, simulation.look_at(1).0]
+            });
+            let mut seen = self.seen.borrow_mut();
+            if seen.last().is_none_or(|(_, last)| *last != states) {
+                seen.push((now, states));
+            }
+            if into.len() > before || now >= until_us {
+                return Ok(now);
+            }
+        }
+    }
+}
+
+/// Moves along the robot's own path; `act` sees the simulation and the time in the motion.
+fn run(
+    link: &SimulatedLink,
+    model: &Model,
+    handle: &Handle,
+    act: impl FnMut(&mut Simulation, u64),
+) -> (Result<Plan, RunError>, Vec<(u64, [BoardState; 2])>) {
+    let seen = Rc::new(RefCell::new(Vec::new()));
+    let line = Watching {
+        inner: link.clone(),
+        act,
+        seen: Rc::clone(&seen),
+    };
+    let home = Homing::Place(model.robot().tool.home_in_world_m);
+    let drive = || {
+        let mut session = Session::open(model, line, SessionId(1), handle, home, &NoStore)?;
+        let task = Task::fitting(model)?;
+        let plan = session.plan(task, None)?;
+        session.arm()?;
+        link.with(Simulation::record_truth);
+        session.follow(&plan, &mut Recorder::default(), |_| {})?;
+        session.disarm()?;
+        Ok(plan)
+    };
+    let done = drive();
+    let seen = seen.borrow().clone();
+    (done, seen)
+}
+
+/// How much later the drums of a board are than the plan, s: least squares over the motion, a
+/// constant offset of each length aside.
+fn delay_s(plan: &Plan, trace: &[TracePoint], cables: std::ops::Range<usize>) -> f64 {
+    let (mut vv, mut ve) = (0.0, 0.0);
+    for cable in cables {
+        let at = |time_s: f64| plan.state(time_s).map(|state| state.paid_out_m[cable]);
+        let mut rows = Vec::new();
+        for point in trace.iter().filter(|p| p.path_ms > 0 && p.path_ms % 5 == 0) {
+            let time_s = f64::from(point.path_ms) * 1e-3;
+            let (Some(before), Some(now), Some(after)) =
+                (at(time_s - 1e-3), at(time_s), at(time_s + 1e-3))
+            else {
+                continue;
+            };
+            let late = point.truth.unstretched_lengths_m[cable] - now;
+            rows.push(((after - before) / 2e-3, late));
+        }
+        let count = rows.len() as f64;
+        let mean_v = rows.iter().map(|r| r.0).sum::<f64>() / count;
+        let mean_e = rows.iter().map(|r| r.1).sum::<f64>() / count;
+        for (v, e) in rows {
+            vv += (v - mean_v).powi(2);
+            ve += (v - mean_v) * (e - mean_e);
+        }
+    }
+    -ve / vv
+}
+
+#[test]
+fn two_boards_with_clocks_of_their_own_move_as_one() {
+    let model = model();
+    let link = robot_line(&model, 1, &APART);
+    let (plan, _) = run(&link, &model, &Handle::new(), |_, _| {});
+    let plan = plan.unwrap();
+    let trace = link.with(Simulation::take_trace);
+    let (first, second) = (delay_s(&plan, &trace, 0..4), delay_s(&plan, &trace, 4..8));
+    let skew_us = (second - first) * 1e6;
+    println!(
+        "delays {:.1} and {:.1} us, skew {skew_us:.1} us",
+        first * 1e6,
+        second * 1e6
+    );
+    assert!(skew_us.abs() < 100.0, "{skew_us} us");
+}
+
+/// When each board first was in one of these states, µs.
+fn first_us(
+    seen: &[(u64, [BoardState; 2])],
+    since_us: u64,
+    wanted: &[BoardState],
+) -> [Option<u64>; 2] {
+    [0, 1].map(|board| {
+        let mut later = seen.iter().filter(|(at_us, _)| *at_us >= since_us);
+        let found = later.find(|(_, states)| wanted.contains(&states[board]));
+        found.map(|(at_us, _)| *at_us)
+    })
+}
+
+/// What came of a disturbance.
+struct After {
+    done: Result<Plan, RunError>,
+    /// State of the first board in every tick, with the time since the disturbance, s.
+    first: Vec<(f64, BoardState)>,
+    /// State of the second board at the end.
+    second: BoardState,
+}
+
+impl After {
+    /// When the first board was in one of these states, s.
+    fn first_s(&self, wanted: &[BoardState]) -> Option<f64> {
+        let found = self.first.iter().find(|(_, state)| wanted.contains(state));
+        found.map(|(after_s, _)| *after_s)
+    }
+}
+
+/// Moves, and at 3 s of the motion does something; `then_us` after the host's end, what the boards do
+/// by themselves is looked at.
+fn disturbed(seed: u64, then_us: u64, act: impl Fn(&mut Simulation)) -> After {
+    let model = model();
+    let link = robot_line(&model, seed, &APART);
+    let when = Rc::new(RefCell::new(None));
+    let noted = Rc::clone(&when);
+    let (done, _) = run(&link, &model, &Handle::new(), move |simulation, _| {
+        if noted.borrow().is_none() && simulation.path_ms() >= 3000 {
+            *noted.borrow_mut() = Some(simulation.plant().time_s());
+            act(simulation);
+        }
+    });
+    let at_s = when.borrow().expect("the motion came to its third second");
+    // What the boards do by themselves after the host has gone.
+    link.with(|simulation| {
+        let until_us = simulation.now_us() + then_us;
+        while simulation.now_us() < until_us {
+            let mut unread = [Vec::new(), Vec::new()];
+            simulation.advance_all(until_us, &mut unread).unwrap();
+        }
+    });
+    let trace = link.with(Simulation::take_trace);
+    let after = trace.iter().map(|p| (p.truth.time_s - at_s, p.state));
+    After {
+        done,
+        first: after.filter(|(after_s, _)| *after_s >= 0.0).collect(),
+        second: link.with(|simulation| simulation.look_at(1).0),
+    }
+}
+
+#[test]
+fn a_stop_is_the_same_stop_on_both_boards() {
+    let model = model();
+    let link = robot_line(&model, 2, &APART);
+    let handle = Handle::new();
+    let orders = handle.clone();
+    let mut given = 0;
+    let (done, seen) = run(&link, &model, &handle, |simulation, now_us| {
+        if given == 0 && simulation.path_ms() >= 3000 {
+            given = now_us;
+            orders.order(Order::Stop);
+        }
+    });
+    assert!(matches!(done, Err(RunError::Interrupted)), "{done:?}");
+    let [first, second] = first_us(&seen, given, &[BoardState::Stopping]).map(Option::unwrap);
+    println!(
+        "stop: {} and {} us after the order",
+        first - given,
+        second - given
+    );
+    assert!(first.abs_diff(second) <= 5_000 && first.max(second) - given < 50_000);
+}
+
+#[test]
+fn a_fault_on_one_board_stops_the_other() {
+    use BoardState::{Disarmed, Fault, Stopping};
+    // The sixth cable is on the second board. A drive counts as lost after 10 ms.
+    let after = disturbed(3, 2_500_000, |simulation| {
+        simulation.plant_mut().faults_mut().cables[5].drive.silent = true;
+    });
+    let Err(RunError::Fault { record }) = after.done else {
+        panic!("{:?}", after.done);
+    };
+    assert_eq!(record.cable, 6, "{record:?}");
+    let first_s = after.first_s(&[Stopping]).unwrap();
+    println!("fault: the other board after {:.1} ms", first_s * 1e3);
+    assert!(first_s < 0.15, "{first_s} s");
+    // Without a host the other board may have noted that as a fault of its own (L10).
+    let (_, last) = after.first.last().unwrap();
+    assert!([Disarmed, Fault].contains(last), "{last:?}");
+    assert_eq!(after.second, Fault);
+}
+
+#[test]
+fn a_dead_line_of_one_board_makes_both_hold() {
+    use BoardState::{Holding, Pausing};
+    let dead = WireFaults {
+        drop: 1.0,
+        ..WireFaults::default()
+    };
+    let after = disturbed(4, 500_000, |simulation| {
+        simulation.set_faults_of(1, dead, dead)
+    });
+    let Err(RunError::Client(ClientError::Link(LinkError::Boards { what, .. }))) = &after.done
+    else {
+        panic!("{:?}", after.done);
+    };
+    assert!(what.contains("board 2 (simulated 02)"), "{what}");
+    let first_s = after.first_s(&[Pausing]).unwrap();
+    println!("dead line: the other board after {:.1} ms", first_s * 1e3);
+    assert!(first_s < 0.15, "{first_s} s");
+    let (_, last) = after.first.last().unwrap();
+    assert_eq!((*last, after.second), (Holding, Holding));
+}
+
+#[test]
+fn a_board_without_supply_makes_the_other_hold() {
+    use BoardState::Pausing;
+    let after = disturbed(5, 500_000, |simulation| {
+        simulation.set_power_of(1, false).unwrap();
+    });
+    let Err(RunError::Client(ClientError::Link(LinkError::Boards { what, .. }))) = &after.done
+    else {
+        panic!("{:?}", after.done);
+    };
+    assert!(what.contains("board 2 (simulated 02)"), "{what}");
+    let first_s = after.first_s(&[Pausing]).unwrap();
+    println!("no supply: the other board after {:.1} ms", first_s * 1e3);
+    assert!(first_s < 0.15, "{first_s} s");
+}
+
+#[test]
+fn a_pause_and_a_way_on_leave_the_boards_together() {
+    let model = model();
+    let link = robot_line(&model, 6, &APART);
+    let handle = Handle::new();
+    let orders = handle.clone();
+    let mut given = 0;
+    let (done, _) = run(&link, &model, &handle, |simulation, _| {
+        let path_ms = simulation.path_ms();
+        if given == 0 && path_ms >= 3000 {
+            given = 1;
+            orders.order(Order::Pause);
+        }
+        let rests = simulation.look_at(0).0 == BoardState::Holding
+            && simulation.look_at(1).0 == BoardState::Holding;
+        if given == 1 && rests {
+            given = 2;
+            orders.order(Order::Resume);
+        }
+    });
+    let plan = done.unwrap();
+    assert_eq!(given, 2);
+    let mut trace = link.with(Simulation::take_trace);
+    // One second after the way on: led together again.
+    trace.retain(|point| point.path_ms > 5000);
+    let (first, second) = (delay_s(&plan, &trace, 0..4), delay_s(&plan, &trace, 4..8));
+    let skew_us = (second - first) * 1e6;
+    println!("after a pause: skew {skew_us:.1} us");
+    assert!(skew_us.abs() < 100.0, "{skew_us} us");
+}
+
+#[test]
+fn boards_that_are_swapped_or_another_robots_are_refused() {
+    let model = model();
+    let link = robot_line(&model, 7, &APART);
+    let home = || Homing::Place(model.robot().tool.home_in_world_m);
+    let open = |link: SimulatedLink, model: &Model, home| {
+        let handle = Handle::new();
+        let session = Session::open(model, link, SessionId(9), &handle, home, &NoStore);
+        session.and_then(Session::close)
+    };
+    // Both boards have the robot's configuration now.
+    open(link.clone(), &model, home()).unwrap();
+    // The same boards, the cables of the file the other way round.
+    let mut swapped = model.robot().clone();
+    swapped.boards.reverse();
+    let lines = link.lines().unwrap();
+    let model_of = Model::new(&swapped).unwrap();
+    let other = SimulatedLink::joined(&swapped, lines.clone()).unwrap();
+    let error = open(other, &model_of, home()).unwrap_err().to_string();
+    assert!(error.contains("swapped"), "{error}");
+    // A robot whose second board's winches are others.
+    let mut another = model.robot().clone();
+    for cable in 4..8 {
+        another.winches[cable].drum_radius_m *= 1.1;
+    }
+    let model_of = Model::new(&another).unwrap();
+    let other = SimulatedLink::joined(&another, lines).unwrap();
+    let error = open(other, &model_of, home()).unwrap_err().to_string();
+    assert!(
+        error.contains("board 2") && error.contains("another robot"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_channel_twice_or_missing_and_a_board_twice_are_refused_with_their_key() {
+    let text = include_str!("../../robots/eight-two-boards.toml");
+    let refused = |change: &dyn Fn(&str) -> String, word: &str| {
+        let changed = change(text);
+        assert_ne!(changed, text);
+        let error = Robot::parse(&changed, "robot.toml", &BuiltInModules).unwrap_err();
+        let said = format!("{error:?} {error}");
+        assert!(said.contains(word), "{said}");
+    };
+    let anchor = "anchor_mm = [1000, 1000, 0]";
+    let with = |keys: &str| {
+        let keys = keys.to_owned();
+        move |text: &str| text.replacen(anchor, &format!("{anchor}\n{keys}"), 1)
+    };
+    refused(&with("board = 1"), "`board` 1 has no channel left");
+    refused(
+        &with("board = 2\nchannel = 5"),
+        "`channel` 5 is one that board 2 has not",
+    );
+    refused(&with("board = 3"), "`board` 3 is not a board of this file");
+    let twice = |text: &str| {
+        let text = text.replacen(anchor, &format!("{anchor}\nboard = 2\nchannel = 1"), 1);
+        let next = "anchor_mm = [-1000, 1000, 0]";
+        text.replacen(next, &format!("{next}\nboard = 2\nchannel = 1"), 1)
+    };
+    refused(&twice, "`channel` 1 of board 2 already drives cable 5");
+    let id = "id = \"0123456789abcdef01234567\"";
+    let same = |text: &str| text.replace("[[board]]", &format!("[[board]]\n{id}\n#"));
+    refused(&same, "is already that of board 1");
+}
