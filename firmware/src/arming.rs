@@ -18,7 +18,7 @@ const PRELOAD_MS: u32 = 30;
 /// Milliseconds for the test of the brakes, at most.
 // Without play the push is reached after about 60 ms and held for 200 ms, and the load is carried
 // again after as long (docs/safety.md). With play, `proof::play_ms` is added.
-const PROOF_MS: u32 = 1000;
+const PROOF_MS: u32 = 1500;
 /// Milliseconds for the platform to come to rest after the drums were moved: some of its stiff
 /// modes, near 10 Hz, decay within half a second.
 const SETTLE_MS: u32 = 500;

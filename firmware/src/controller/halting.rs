@@ -25,7 +25,7 @@ const RETRY_MS: u16 = 50;
 // Ten attempts of 50 ms: half a second for a brake that is late.
 const TRIES: u16 = 10;
 /// Ticks for a drive to push against a brake: a drive that gives no torque cannot lose it.
-const PROOF_MS: u16 = 1000;
+const PROOF_MS: u16 = 1500;
 
 impl<const N: usize> Controller<N> {
     #[inline(never)]
@@ -202,7 +202,7 @@ impl<const N: usize> Controller<N> {
         // Example: brakes of 30 ms are tested after 180 ms.
         let held = slowest_brake_ms(active) + HOLD_TORQUE_MS;
         let most = held + PROOF_MS + play_ms(active);
-        // At most some 2000 + 150 + 1000 ms and the play's time, with the retries: 16 bits suffice.
+        // At most some 2000 + 150 + 1500 ms and the play's time, with the retries: 16 bits suffice.
         self.closing = Some(ticks + 1);
         if ticks < held {
             return;

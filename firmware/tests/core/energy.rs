@@ -100,7 +100,7 @@ fn c2_ends_the_path_at_once_and_reels_nothing_in() {
     }
     // It is free: brakes close.
     bench.tamper = |_| {};
-    bench.until(State::Fault, 600);
+    bench.until(State::Fault, 800);
     assert!(bench.all_brakes(Brake::Closed));
 }
 
