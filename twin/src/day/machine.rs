@@ -178,7 +178,9 @@ impl Machine {
         let random = &mut self.random;
         let state = self.plant.state();
         (0..self.held.len())
-            .map(|i| state.paid_out_at_first_m[i] + state.drum_positions_m[i] + sigma * random.normal())
+            .map(|i| {
+                state.paid_out_at_first_m[i] + state.drum_positions_m[i] + sigma * random.normal()
+            })
             .collect()
     }
 
@@ -190,7 +192,8 @@ impl Machine {
     fn zero_n(&self, cable: usize) -> f64 {
         let [steady, wave, phase] = self.drift[cable];
         let hours = self.seconds / 28_800.0;
-        0.5 * self.hours.drift_n * (steady * hours + wave * (libm::sin(9.0 * hours + phase) - libm::sin(phase)))
+        0.5 * self.hours.drift_n
+            * (steady * hours + wave * (libm::sin(9.0 * hours + phase) - libm::sin(phase)))
     }
 
     /// Lets the winches go to these drum displacements (m), or sensor readings (N) where a tension is held.

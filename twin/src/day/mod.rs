@@ -6,6 +6,8 @@
 
 mod machine;
 mod robot;
+#[cfg(test)]
+mod tests;
 mod work;
 
 pub use machine::{Knock, Machine};

@@ -20,6 +20,8 @@ const SPEED_MPS: f64 = 0.1;
 const REST_S: f64 = 2.0;
 /// Largest payload as a share of the platform's mass.
 const HEAVIEST: f64 = 0.5;
+/// A load is lifted by this before it is weighed, m.
+const LIFT_M: f64 = 0.01;
 /// Height of the tool above the mat at a look, m.
 const LOOK_M: f64 = 0.45;
 /// The mat lies this far below the tool's box, m.
@@ -164,12 +166,9 @@ impl Work {
     fn with_mat(robot: &Robot) -> Result<(Robot, TagPlace, [Vector3<f64>; 2]), DayError> {
         let mut robot = robot.clone();
         robot.tags = mat();
-        let [low, high] = robot
-            .limits
-            .box_in_world_m
-            .ok_or_else(|| DayError::NoBox {
-                robot: robot.name.clone(),
-            })?;
+        let [low, high] = robot.limits.box_in_world_m.ok_or_else(|| DayError::NoBox {
+            robot: robot.name.clone(),
+        })?;
         let home = robot.tool.home_in_world_m;
         let middle = (low + high) / 2.0;
         let at = Vector3::new(
@@ -275,7 +274,6 @@ impl Running<'_> {
         let (from, to) = (self.place(true), self.place(true));
         self.go_to(&from)?;
         self.measure(false)?;
-        let bare = self.machine.truth();
         let platform_kg = self.work.model.robot().platform.mass_kg;
         let tcp = self.work.model.robot().tool.tcp_in_platform_m;
         let load = Payload {
@@ -286,11 +284,13 @@ impl Running<'_> {
                 tcp.z - 0.02 - 0.03 * self.random.unit(),
             ],
         };
-        let _ = bare;
         self.machine.carry(Some(&load))?;
         self.carried = true;
         self.side.lift();
-        self.hold(REST_S)?;
+        // Up by a little in the first second: all pulleys then rub the same way.
+        let up = from + Vector3::new(0.0, 0.0, LIFT_M);
+        self.step(&up)?;
+        self.step(&up)?;
         self.measure(false)?;
         if let Some(found) = self.side.tracker().and_then(|t| t.load()) {
             let off = found.center_m - Vector3::from(load.center_m);
@@ -352,7 +352,9 @@ impl Running<'_> {
 
     fn go_to(&mut self, to: &Vector3<f64>) -> Result<(), DayError> {
         let from = self.tool_m;
-        let steps = ((to - from).norm() / (SPEED_MPS * SAMPLE_S)).ceil().max(1.0);
+        let steps = ((to - from).norm() / (SPEED_MPS * SAMPLE_S))
+            .ceil()
+            .max(1.0);
         let mut k = 1.0;
         while k <= steps {
             self.step(&(from + (to - from) * (k / steps)))?;
@@ -376,6 +378,9 @@ impl Running<'_> {
     fn step(&mut self, to: &Vector3<f64>) -> Result<(), DayError> {
         let command = self.side.go(to)?;
         self.machine.go(&command.drums_m, &command.readings_n)?;
+        let readings_n = self.machine.readings_n();
+        let encoders_m = self.machine.encoders_m();
+        self.side.feel(&encoders_m, &readings_n);
         self.tool_m = *to;
         self.machine.pass(SAMPLE_S);
         self.side.pass(SAMPLE_S);
@@ -393,16 +398,25 @@ impl Running<'_> {
     }
 
     fn measure(&mut self, look: bool) -> Result<(), DayError> {
-        let views = if look { self.machine.look() } else { Vec::new() };
+        let views = if look {
+            self.machine.look()
+        } else {
+            Vec::new()
+        };
         self.day.looks += usize::from(!views.is_empty());
         let readings_n = self.machine.readings_n();
-        let report = self.side.measure(&self.machine.encoders_m(), readings_n, views)?;
+        let report = self
+            .side
+            .measure(&self.machine.encoders_m(), readings_n, views)?;
         if let Some(report) = report {
             self.day.rests += 1;
             self.day.doubted += usize::from(!report.fits);
             self.last_named = report.named;
             if let (Some(named), true) = (report.named, self.judged) {
-                self.day.false_names.push((self.at_s, format!("{named:?}")));
+                self.day.false_names.push((
+                    self.at_s,
+                    format!("{:?} by {:.2?} mm", named.what, (named.by * 1e3).as_slice()),
+                ));
             }
         }
         Ok(())

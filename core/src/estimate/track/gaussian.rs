@@ -100,7 +100,9 @@ impl Gaussian {
     /// `to` follows `from` by `factor`: adds what that means to the covariance. Both were independent.
     pub(super) fn couple(&mut self, from: usize, to: usize, factor: f64) {
         let size = self.size();
-        let column: Vec<f64> = (0..size).map(|k| self.covariance[from * size + k]).collect();
+        let column: Vec<f64> = (0..size)
+            .map(|k| self.covariance[from * size + k])
+            .collect();
         for (k, value) in column.iter().enumerate() {
             if k != to {
                 self.covariance[to * size + k] += factor * value;
@@ -181,7 +183,11 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// follow. `false` where the columns have no full rank.
 pub(super) fn triangulate(rows: &mut [Vec<f64>], columns: usize) -> bool {
     for column in 0..columns {
-        let square: f64 = rows.iter().skip(column).map(|r| r[column] * r[column]).sum();
+        let square: f64 = rows
+            .iter()
+            .skip(column)
+            .map(|r| r[column] * r[column])
+            .sum();
         let length = square.sqrt();
         if !(length > 1e-9) {
             return false;

@@ -16,6 +16,8 @@ const CAMERA_M: f64 = 5e-3;
 const CAMERA_RAD: f64 = 2e-2;
 /// The best cause is named if no other is more likely than a hundredth of it: ln(100).
 const CLEARER: f64 = 4.6;
+/// One rest names nothing: something may have touched the platform. A second one must agree.
+const CONFIRMED: usize = 2;
 /// Rests that wait for an explanation, at most.
 pub(super) const MOST: usize = 4;
 
@@ -91,8 +93,15 @@ impl Hypothesis {
 
 /// The cause of the rests that wait, if one is clear, and the states with it.
 pub(super) fn explain(tracker: &Tracker) -> (Option<Named>, Option<Gaussian>) {
+    if tracker.pending.len() < CONFIRMED {
+        return (None, None);
+    }
     let mut causes: Vec<Moved> = (1..=tracker.layout.cables).map(Moved::Anchor).collect();
-    if tracker.pending.iter().any(|look| !look.measured.views.is_empty()) {
+    if tracker
+        .pending
+        .iter()
+        .any(|look| !look.measured.views.is_empty())
+    {
         causes.push(Moved::Camera);
     }
     if tracker.loaded {

@@ -1,9 +1,9 @@
 //! The slow states and where they stand in the vector.
 
 /// Slow states of one cable.
-pub(super) const PER_CABLE: usize = 9;
+pub(super) const PER_CABLE: usize = 11;
 /// Slow states that all cables share.
-const SHARED: usize = 17;
+const SHARED: usize = 15;
 
 /// Positions of the states of a robot with some number of cables.
 #[derive(Debug, Clone, Copy)]
@@ -46,32 +46,32 @@ impl Layout {
         cable * PER_CABLE + 6
     }
 
+    /// Final creep over elastic stretch of the fast (0) and the slow (1) element.
+    pub(super) const fn creep_ratio(self, cable: usize, element: usize) -> usize {
+        cable * PER_CABLE + 9 + element
+    }
+
     const fn shared(self) -> usize {
         self.cables * PER_CABLE
     }
 
-    /// Final creep over elastic stretch of the fast (0) and the slow (1) element.
-    pub(super) const fn creep_ratio(self, element: usize) -> usize {
-        self.shared() + element
-    }
-
     /// Share of tension lost over a pulley.
     pub(super) const fn loss(self) -> usize {
-        self.shared() + 2
+        self.shared()
     }
 
     /// Error of the platform's mass (kg), and the next three of its moment: mass times centre, kg m.
     pub(super) const fn platform(self) -> usize {
-        self.shared() + 3
+        self.shared() + 1
     }
 
     /// Mass of the payload (kg), and the next three its moment: mass times centre, kg m.
     pub(super) const fn payload(self) -> usize {
-        self.shared() + 7
+        self.shared() + 5
     }
 
     /// First of six: how far the camera is off its mounting, a shift (m) and a turn (rad), camera frame.
     pub(super) const fn camera(self) -> usize {
-        self.shared() + 11
+        self.shared() + 9
     }
 }

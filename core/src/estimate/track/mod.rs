@@ -10,13 +10,15 @@ mod gaussian;
 mod knock;
 mod layout;
 mod rows;
+#[cfg(test)]
+mod tests;
 
 use super::Measurements;
 use crate::motion::{Model, StaticState};
 use crate::robot::Robot;
 use gaussian::{Fit, Gaussian, chi_square};
-pub use knock::{Moved, Named};
 use knock::{Hypothesis, Pending};
+pub use knock::{Moved, Named};
 use layout::Layout;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Matrix3, Vector3};
@@ -26,7 +28,9 @@ use rows::{Hanging, Rest, vector};
 /// Rests are doubted beyond this many standard deviations of a normal distribution: 1e-9 of them.
 const DOUBT_SIGMAS: f64 = 6.0;
 /// A rest is linearised again at the new states this often: a payload is unknown before.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 6;
+/// The search for the pose takes a payload's moment to be known at least this well, kg m.
+const LOOSEST_KG_M: f64 = 5e-3;
 /// A payload heavier than this many times the platform is not looked for.
 const HEAVIEST: f64 = 1.0;
 
@@ -57,11 +61,13 @@ pub struct Prior {
     pub drift_m: f64,
     /// Drift of the tension sensors in eight hours, N.
     pub drift_n: f64,
-    /// Errors of the creep model in an hour, as a share of the final creep.
+    /// Error of the model's rate of creep, as a share of it.
     pub creep_drift: f64,
     /// Errors of each rest.
     pub rows: RowSigmas,
-    /// Where a payload is held, relative to the tool: standard deviation per axis, m.
+    /// Where a payload's centre is, below the tool: mean and standard deviation, m.
+    pub below_m: [f64; 2],
+    /// The same, sideways: standard deviation, m.
     pub grasp_m: f64,
     /// Greatest shift of the planned tool by what one rest taught, m.
     pub step_m: f64,
@@ -83,9 +89,10 @@ impl Default for Prior {
             camera: [1e-4, 2e-4],
             drift_m: 1e-4,
             drift_n: 0.15,
-            creep_drift: 0.05,
+            creep_drift: 0.25,
             rows: RowSigmas::default(),
-            grasp_m: 0.03,
+            below_m: [0.03, 0.02],
+            grasp_m: 0.015,
             step_m: 5e-4,
         }
     }
@@ -172,7 +179,6 @@ impl Tracker {
             sigmas[state] = sigma;
             mean[state] = value;
         };
-        let mut ea_n = 0.0;
         for (i, cable) in robot.cables.iter().enumerate() {
             put(layout.offset(i), 0.0, prior.length_m);
             put(layout.zero(i), 0.0, prior.zero_n);
@@ -181,12 +187,11 @@ impl Tracker {
             for axis in 0..3 {
                 put(layout.anchor(i) + axis, 0.0, prior.anchor_m);
             }
-            ea_n += cable.ea_n / robot.cables.len() as f64;
-        }
-        let per_strain = ea_n / robot.tension.setpoint_n;
-        for (element, share) in CREEP_SHARES.into_iter().enumerate() {
-            let [value, sigma] = prior.creep.map(|strain| share * strain * per_strain);
-            put(layout.creep_ratio(element), value, sigma);
+            let per_strain = cable.ea_n / robot.tension.setpoint_n;
+            for (element, share) in CREEP_SHARES.into_iter().enumerate() {
+                let [value, sigma] = prior.creep.map(|strain| share * strain * per_strain);
+                put(layout.creep_ratio(i, element), value, sigma);
+            }
         }
         put(layout.loss(), prior.loss[0], prior.loss[1]);
         let mass_kg = robot.platform.mass_kg;
@@ -223,11 +228,14 @@ impl Tracker {
             for (element, retardation_s) in RETARDATION_S.into_iter().enumerate() {
                 let keep = libm::exp(-seconds / retardation_s);
                 let gain = (1.0 - keep) * elastic;
-                let (state, ratio) = (layout.creep(i, element), layout.creep_ratio(element));
+                let (state, ratio) = (layout.creep(i, element), layout.creep_ratio(i, element));
+                let before = self.now.mean[state];
                 self.now.mix(state, keep, ratio, gain);
                 self.planned[state] = keep * self.planned[state] + gain * self.planned[ratio];
-                let off = self.prior.creep_drift * elastic * self.now.mean[ratio];
-                self.now.loosen(state, off * off * seconds / 3600.0);
+                // A wrong retardation time errs in the same direction for about that time.
+                let off = self.prior.creep_drift * (self.now.mean[state] - before);
+                let together = (retardation_s / seconds).max(1.0);
+                self.now.loosen(state, off * off * together);
             }
             self.now.loosen(layout.offset(i), length);
             self.now.loosen(layout.zero(i), zero);
@@ -241,12 +249,21 @@ impl Tracker {
     pub fn lift(&mut self) {
         let first = self.layout.payload();
         let heavy = HEAVIEST * self.robot.platform.mass_kg;
-        let tool = self.robot.tool.tcp_in_platform_m;
+        // What a gripper holds hangs below its fingers.
+        let [below_m, below_sigma_m] = self.prior.below_m;
+        let tool = self.robot.tool.tcp_in_platform_m - Vector3::new(0.0, 0.0, below_m);
         let guess_kg = 0.25 * self.robot.platform.mass_kg;
         self.now.reset(first, guess_kg, heavy);
         for axis in 0..3 {
             let moment = guess_kg * tool[axis];
-            self.now.reset(first + 1 + axis, moment, heavy * self.prior.grasp_m);
+            let sigma_m = if axis == 2 {
+                below_sigma_m
+            } else {
+                self.prior.grasp_m
+            };
+            // Half of the heaviest at the edge of where it may be held.
+            self.now
+                .reset(first + 1 + axis, moment, 0.5 * heavy * sigma_m);
             // The load hangs near the tool: its moment follows its mass.
             self.now.couple(first, first + 1 + axis, tool[axis]);
         }
@@ -348,7 +365,13 @@ impl Tracker {
         };
         let mut at = before.mean.clone();
         let mut result = None;
-        let loose: Vec<f64> = (0..before.size()).map(|k| before.variance(k)).collect();
+        let mut loose: Vec<f64> = (0..before.size()).map(|k| before.variance(k)).collect();
+        for axis in 0..3 {
+            // A new payload's moment is nearly unknown, but without the balance of moments three or four
+            // lengths alone do not hold the pose.
+            let state = self.layout.payload() + 1 + axis;
+            loose[state] = loose[state].min(LOOSEST_KG_M * LOOSEST_KG_M);
+        }
         let tight = vec![0.0; before.size()];
         for round in 0..ROUNDS {
             let weights = if round == 0 { &loose } else { &tight };

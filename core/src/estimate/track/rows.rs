@@ -19,12 +19,14 @@ pub struct RowSigmas {
     pub length_m: f64,
     /// A tension, mean of a rest, N.
     pub tension_n: f64,
-    /// How far a pulley's friction is from its end, as a share of it.
+    /// What no state describes of a tension, as a share of it.
+    pub tension_share: f64,
+    /// How well the state of a turning pulley's friction is known, as a share of it; a third at its end.
     pub friction: f64,
     /// Balance of forces, N.
     pub force_n: f64,
-    /// Balance of moments, N m: attachments off by 0.05 mm under 20 N.
-    pub moment_nm: f64,
+    /// An attachment, per axis, m: cables pull moments by it.
+    pub attachment_m: f64,
 }
 
 impl Default for RowSigmas {
@@ -32,9 +34,10 @@ impl Default for RowSigmas {
         Self {
             length_m: 3e-5,
             tension_n: 0.02,
-            friction: 0.1,
+            tension_share: 0.002,
+            friction: 0.2,
             force_n: 0.01,
-            moment_nm: 1e-3,
+            attachment_m: 6e-5,
         }
     }
 }
@@ -197,8 +200,11 @@ impl Rest<'_> {
             let side = self.hauled.get(i).copied().unwrap_or(0.0);
             let (loss, gain) = (at(layout.loss()), at(layout.gain(i)));
             let rubbed = 1.0 + loss * side;
-            let unsure = loss * tension * self.sigmas.friction;
-            let inverse = 1.0 / (self.sigmas.tension_n.powi(2) + unsure * unsure).sqrt();
+            let turning = 0.3 + (1.0 - side.abs());
+            let unsure = loss * tension * self.sigmas.friction * turning;
+            let scale = tension * self.sigmas.tension_share;
+            let squares = self.sigmas.tension_n.powi(2) + unsure * unsure + scale * scale;
+            let inverse = 1.0 / squares.sqrt();
             row[6 + i] = rubbed * (1.0 + gain) * inverse;
             row[unknowns] = (tension * rubbed * (1.0 + gain) + at(layout.zero(i)) - read) * inverse;
             if with_states {
@@ -210,12 +216,14 @@ impl Rest<'_> {
         }
         let weight = Vector3::new(0.0, 0.0, -GRAVITY_MPS2);
         let rotation = hanging.pose.rotation;
+        let squares: f64 = hanging.tensions_n.iter().map(|t| t * t).sum();
+        let pulls_n = squares.sqrt().max(1.0);
         for k in 0..6 {
             let mut row = vec![0.0; width];
             let sigma = if k < 3 {
                 self.sigmas.force_n
             } else {
-                self.sigmas.moment_nm
+                pulls_n * self.sigmas.attachment_m
             };
             let inverse = 1.0 / sigma;
             for (column, (_, _, there)) in moved.iter().enumerate() {
@@ -273,8 +281,12 @@ impl Rest<'_> {
         let mut corners: Vec<Vec<f64>> = Vec::new();
         for view in &self.measured.views {
             let tag = self.robot.tags.iter().find(|tag| tag.id == view.id);
-            let place =
-                tag.and_then(|t| self.measured.places.iter().find(|place| place.body == t.body));
+            let place = tag.and_then(|t| {
+                self.measured
+                    .places
+                    .iter()
+                    .find(|place| place.body == t.body)
+            });
             let (Some(tag), Some(place)) = (tag, place) else {
                 continue;
             };
@@ -342,7 +354,7 @@ impl Rest<'_> {
                 1.0 / (1.0 + variance).sqrt()
             })
             .collect();
-        for _ in 0..12 {
+        for round in 0..30 {
             let mut rows = self.rows(x, &hanging, false)?.0;
             for (row, weight) in rows.iter_mut().zip(&weights) {
                 for value in row.iter_mut() {
@@ -357,15 +369,18 @@ impl Rest<'_> {
             let turn = Vector3::new(-step[3], -step[4], -step[5]);
             // Beyond 50 mm, or 0.2 rad, the slopes mean little.
             let shorter = (0.05 / move_m.norm()).min(0.2 / turn.norm()).min(1.0);
-            hanging.pose = hanging.pose.displaced(&(move_m * shorter), &(turn * shorter));
+            hanging.pose = hanging
+                .pose
+                .displaced(&(move_m * shorter), &(turn * shorter));
             for (tension, by) in hanging.tensions_n.iter_mut().zip(&step[6..]) {
                 *tension -= by * shorter;
             }
             if !hanging.pose.position_m.iter().all(|v| v.is_finite()) {
                 return None;
             }
-            // A hundredth of a micrometre.
-            if move_m.norm() < 1e-8 && turn.norm() < 1e-7 {
+            // A hundredth of a micrometre; later a micrometre, where rounding is all that is left.
+            let enough = if round < 15 { 1e-8 } else { 1e-6 };
+            if move_m.norm() < enough && turn.norm() < 10.0 * enough {
                 return Some(hanging);
             }
         }
@@ -391,7 +406,11 @@ impl Rest<'_> {
     }
 
     /// Slopes of the tool's position by the states, and its covariance by the rows' noise, m2.
-    pub(super) fn tool(&self, x: &[f64], hanging: &Hanging) -> Option<([Vec<f64>; 3], Matrix3<f64>)> {
+    pub(super) fn tool(
+        &self,
+        x: &[f64],
+        hanging: &Hanging,
+    ) -> Option<([Vec<f64>; 3], Matrix3<f64>)> {
         let unknowns = self.unknowns();
         let mut rows = self.rows(x, hanging, true)?.0;
         if !triangulate(&mut rows, unknowns) {

@@ -119,7 +119,13 @@ impl Cmd {
             }
             return print_json(&document);
         }
-        let head = ["the tool's error", "mean, mm", "range", "95 %, mm", "inside, %"];
+        let head = [
+            "the tool's error",
+            "mean, mm",
+            "range",
+            "95 %, mm",
+            "inside, %",
+        ];
         let mut table = vec![head.map(str::to_owned).to_vec()];
         let cell = |value: &Value| value.as_f64().map_or("-".to_owned(), |v| format!("{v:.3}"));
         for (name, row) in &rows {
@@ -127,7 +133,11 @@ impl Cmd {
             table.push(vec![
                 (*name).to_owned(),
                 cell(&row["mean_mm"]),
-                format!("{} to {}", cell(&row["mean_least_mm"]), cell(&row["mean_most_mm"])),
+                format!(
+                    "{} to {}",
+                    cell(&row["mean_least_mm"]),
+                    cell(&row["mean_most_mm"])
+                ),
                 cell(&row["p95_mm"]),
                 inside.map_or("-".to_owned(), |v| format!("{:.1}", v * 100.0)),
             ]);
@@ -227,8 +237,15 @@ fn knocks(days: &[Day], hours: f64) -> Value {
     let share = |camera: bool| {
         let these: Vec<_> = all.iter().filter(|k| (k.anchor == 0) == camera).collect();
         let right = these.iter().filter(|k| k.right).count();
-        let wrong = these.iter().filter(|k| !k.right && k.looks.is_some()).count();
-        let off = these.iter().filter(|k| k.right).map(|k| k.off_m * 1e3).collect();
+        let wrong = these
+            .iter()
+            .filter(|k| !k.right && k.looks.is_some())
+            .count();
+        let off = these
+            .iter()
+            .filter(|k| k.right)
+            .map(|k| k.off_m * 1e3)
+            .collect();
         json!({
             "tried": these.len(),
             "named": right as f64 / these.len().max(1) as f64,

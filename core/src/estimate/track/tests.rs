@@ -1,0 +1,166 @@
+//! The filter against least squares, the rows' slopes against differences, and what a rest teaches.
+
+use super::gaussian::{Gaussian, Linear};
+use super::*;
+use crate::random::Random;
+use crate::robot::Robot;
+
+fn model() -> Model {
+    Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap()
+}
+
+/// A rest as a robot without any error would measure it, with its tool moved from home.
+fn exact(model: &Model, by_m: [f64; 3]) -> (Measurements, Vec<f64>, Pose) {
+    let tool = model.robot().tool.home_in_world_m + Vector3::from(by_m);
+    let rest = model.rest(&tool, None).unwrap();
+    let measured = Measurements {
+        lengths_m: rest.paid_out_m.clone(),
+        tensions_n: rest.tensions_n().to_vec(),
+        ..Measurements::default()
+    };
+    (measured, vec![0.0; 4], rest.equilibrium.pose)
+}
+
+#[test]
+fn updates_one_by_one_are_least_squares() {
+    let mut random = Random::new(5);
+    let size = 6;
+    let sigmas: Vec<f64> = (0..size).map(|k| 0.5 + f64::from(k)).collect();
+    let mean: Vec<f64> = (0..size).map(|_| random.normal()).collect();
+    let mut states = Gaussian::new(mean.clone(), &sigmas);
+    let rows: Vec<Vec<f64>> = (0..9)
+        .map(|_| (0..size).map(|_| random.normal()).collect())
+        .collect();
+    let residual: Vec<f64> = (0..9).map(|_| random.normal()).collect();
+    let at: Vec<f64> = (0..size).map(|_| random.normal()).collect();
+    // Normal equations of the prior and the rows, solved by another library.
+    let n = size as usize;
+    let h = nalgebra::DMatrix::from_fn(9, n, |i, j| rows[i][j]);
+    let prior =
+        nalgebra::DMatrix::from_fn(
+            n,
+            n,
+            |i, j| {
+                if i == j { 1.0 / sigmas[i].powi(2) } else { 0.0 }
+            },
+        );
+    let information = h.transpose() * &h + &prior;
+    let at_vector = nalgebra::DVector::from_vec(at.clone());
+    let right = &prior * nalgebra::DVector::from_vec(mean)
+        + h.transpose() * (&h * at_vector - nalgebra::DVector::from_vec(residual.clone()));
+    let covariance = information.try_inverse().unwrap();
+    let want = &covariance * right;
+    states.update(&Linear {
+        at,
+        residual,
+        slopes: rows,
+    });
+    for i in 0..n {
+        assert!((states.mean[i] - want[i]).abs() < 1e-9);
+        for j in 0..n {
+            assert!((states.covariance[i * n + j] - covariance[(i, j)]).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_rest_without_errors_teaches_no_change_and_less_uncertainty() {
+    let model = model();
+    let prior = Prior {
+        creep: [0.0, 1e-3],
+        loss: [0.0, 0.01],
+        ..Prior::default()
+    };
+    let mut tracker = Tracker::new(&model, &prior);
+    let before = tracker.now.clone();
+    for by in [[0.0; 3], [0.05, 0.0, -0.1], [0.1, 0.1, -0.05]] {
+        let (measured, hauled, near) = exact(&model, by);
+        let report = tracker.rest(&measured, &hauled, &near);
+        assert!(report.fits && report.doubt < 1e-3, "{report:?}");
+    }
+    let layout = tracker.layout;
+    for state in 0..layout.size() {
+        assert!(tracker.now.variance(state) <= before.variance(state) * (1.0 + 1e-9));
+    }
+    let mass = layout.platform();
+    assert!(tracker.now.mean[mass].abs() < 1e-5);
+    assert!(tracker.now.variance(mass) < 0.5 * before.variance(mass));
+}
+
+#[test]
+fn what_nothing_observes_stays_as_uncertain_as_it_is() {
+    let model = model();
+    let mut tracker = Tracker::new(&model, &Prior::default());
+    let layout = tracker.layout;
+    // All anchors together: the frame has moved, and without a camera nothing shows it.
+    let mut row = vec![0.0; layout.size()];
+    for cable in 0..4 {
+        row[layout.anchor(cable)] = 0.25;
+    }
+    let before = tracker.now.spread(&[row.clone()])[0][0];
+    for k in 0..20 {
+        let (measured, hauled, near) = exact(&model, [0.01 * f64::from(k), 0.0, -0.1]);
+        tracker.rest(&measured, &hauled, &near);
+    }
+    let after = tracker.now.spread(&[row])[0][0];
+    assert!(after > 0.99 * before, "{after} of {before}");
+    // And the camera's mounting, which it never used.
+    let camera = layout.camera();
+    assert!((tracker.now.variance(camera) / 1e-8 - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_payload_is_weighed_by_one_rest_and_forgotten_when_it_is_set_down() {
+    let model = model();
+    let mut tracker = Tracker::new(&model, &Prior::default());
+    for by in [
+        [0.0; 3],
+        [0.05, 0.0, -0.1],
+        [0.1, 0.1, -0.05],
+        [0.0, 0.1, -0.1],
+    ] {
+        let (measured, hauled, near) = exact(&model, by);
+        tracker.rest(&measured, &hauled, &near);
+    }
+    assert_eq!(tracker.load(), None);
+    // The same robot with 0.6 kg below its gripper, as its own statics have it.
+    let mut heavy = model.robot().clone();
+    let at = heavy.tool.tcp_in_platform_m + Vector3::new(0.008, -0.006, -0.03);
+    let mass = heavy.platform.mass_kg;
+    let center = heavy.platform.center_of_mass_m;
+    heavy.platform.mass_kg = mass + 0.6;
+    heavy.platform.center_of_mass_m = (center * mass + at * 0.6) / (mass + 0.6);
+    let (measured, hauled, near) = exact(&Model::new(&heavy).unwrap(), [0.05, 0.0, -0.1]);
+    tracker.lift();
+    assert!(tracker.rest(&measured, &hauled, &near).fits);
+    let load = tracker.load().unwrap();
+    // Readings are exact; the prior of sensors and losses leaves this much.
+    assert!((load.mass_kg / 0.6 - 1.0).abs() < 0.01, "{load:?}");
+    assert!((load.center_m - at).xy().norm() < 2e-3, "{load:?} {at}");
+    let planned = tracker.robot().platform.mass_kg;
+    assert!((planned - mass - 0.6).abs() < 0.03, "plans use it at once");
+    tracker.set_down();
+    assert_eq!(tracker.load(), None);
+    assert!((tracker.robot().platform.mass_kg - mass).abs() < 0.03);
+}
+
+#[test]
+fn plans_follow_in_bounded_steps_and_a_wild_rest_is_not_followed() {
+    let model = model();
+    let mut tracker = Tracker::new(&model, &Prior::default());
+    let (measured, hauled, near) = exact(&model, [0.0; 3]);
+    tracker.rest(&measured, &hauled, &near);
+    let robot = tracker.robot();
+    // Two cables 20 mm off at once: no single cause explains it.
+    let mut wild = measured.clone();
+    wild.lengths_m[0] += 0.02;
+    wild.lengths_m[2] -= 0.03;
+    wild.tensions_n[1] += 3.0;
+    let report = tracker.rest(&wild, &hauled, &near);
+    assert!(!report.fits && report.named.is_none(), "{report:?}");
+    assert_eq!(tracker.robot(), robot);
+    // Nor a reading that is no number.
+    wild.tensions_n[1] = f64::NAN;
+    assert!(!tracker.rest(&wild, &hauled, &near).fits);
+    assert_eq!(tracker.robot(), robot);
+}
