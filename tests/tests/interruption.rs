@@ -232,8 +232,8 @@ fn interrupted(mut command: Command, there: impl Fn(u32) -> bool) -> Duration {
         assert!(run.try_wait().unwrap().is_none(), "{command:?} has ended");
         breathe();
     }
-    signal("INT", run.id());
     let began = Instant::now();
+    signal("INT", run.id());
     let status = ends_within(&mut run, SOON, "a command after Ctrl-C");
     assert_eq!(status.code(), Some(130), "{command:?}");
     began.elapsed()

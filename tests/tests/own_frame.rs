@@ -290,7 +290,7 @@ fn bad_answers_write_no_file() {
         ),
         (&["--mass-kg", "2"], "--frame-mm"),
         // Metres instead of millimetres.
-        (&["--frame-mm", "2", "3", "2"], "sizes are in mm"),
+        (&["--frame-mm", "2", "3", "2"], "does not fit"),
         (
             &["--frame-mm", "1000", "1000", "1000", "--mass-kg", "-1"],
             "mass",
@@ -415,7 +415,7 @@ fn modules_of_four_cables_keep_their_constants_in_a_robot_of_eight() {
             at,
             &format!("w{index}.toml"),
             &numbers,
-            0.2 + 0.01 * f64::from(index),
+            0.2 + 0.005 * f64::from(index),
         );
     }
     let compose = |file: &str, more: &[&str]| {
@@ -430,7 +430,7 @@ fn modules_of_four_cables_keep_their_constants_in_a_robot_of_eight() {
     let four = shown("four.toml");
     // Four more; these have no numbers yet.
     for index in 5..=8_u8 {
-        module(at, &format!("x{index}.toml"), "", 0.3);
+        module(at, &format!("x{index}.toml"), "", 0.23);
     }
     let size = ["--cables", "8", "--platform-mm", "400", "400", "200"];
     compose("eight.toml", &size);
@@ -452,9 +452,14 @@ fn modules_of_four_cables_keep_their_constants_in_a_robot_of_eight() {
     let worst_mm = run["path_error_m"]["max"].as_f64().map(|m| m * 1e3);
     assert!(worst_mm.is_some_and(|mm| mm < 8.0), "{run}");
     // A module that is calibrated anew changes both robots.
-    module(at, "w2.toml", "id = 2\nnode = 6\nencoder_sign = -1\n", 0.25);
+    module(
+        at,
+        "w2.toml",
+        "id = 2\nnode = 6\nencoder_sign = -1\n",
+        0.225,
+    );
     for robot in [shown("four.toml"), shown("eight.toml")] {
-        assert_eq!(robot["winches"][1]["tension_zero_v"], 0.25);
+        assert_eq!(robot["winches"][1]["tension_zero_v"], 0.225);
     }
 }
 
@@ -513,13 +518,13 @@ fn modules_that_do_not_fit_are_refused_with_file_and_key() {
     module(at, "w5.toml", "id = 3\n", 0.2355);
     has(
         tried("r.toml", &named(&["w1", "w2", "w3", "w5"])),
-        &["w5.toml:1", "`id` 3 is already the id of"],
+        &["w5.toml: `id` 3 is already that of w3.toml"],
     );
     module(at, "w5.toml", "id = 5\nnode = 7\n", 0.2355);
     module(at, "w4.toml", "id = 4\nnode = 7\n", 0.2355);
     has(
         tried("r.toml", &named(&["w1", "w2", "w4", "w5"])),
-        &["w5.toml:2", "`node` 7 is already the drive of"],
+        &["w5.toml: `node` 7 is already that of w4.toml"],
     );
     for (text, part) in [
         ("", "no key of a winch"),

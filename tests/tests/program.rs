@@ -229,6 +229,42 @@ fn k1_bad_ports_and_tasks_are_refused_before_anything_moves() {
     refused(mcdpr().args(["run", &nan]), 1, &["leg 1"]);
 }
 
+/// What is refused says why, and leaves nothing behind.
+#[test]
+fn refused_commands_leave_no_run_folder() {
+    let folder = Folder::new("refused");
+    for (words, code, said) in [
+        ("move 0.3m -0.05m -5m", 1, "reaches"),
+        ("move 10 20 furlong", 2, "not a length"),
+        ("jog 0 0 0", 1, "over 0 mm/s"),
+        ("commission 9", 1, "no winch 9"),
+        ("calibrate winch 9", 1, "no winch 9"),
+        ("calibrate collect --poses 0", 2, "must be 1 to 1000"),
+        ("calibrate collect --candidates 5", 1, "5 candidates"),
+        ("pick --objects 100000", 2, "must be 0 to 40"),
+        ("tune tension --step-n 1000", 1, "out of range"),
+    ] {
+        let mut command = mcdpr();
+        command.current_dir(folder.path()).args(words.split(' '));
+        let output = run(&mut command);
+        let flat = text(&output.stderr).replace('│', " ");
+        let message = flat.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(output.status.code(), Some(code), "{words}: {message}");
+        assert!(message.contains(said), "{words}: {message}");
+        let left = std::fs::read_dir(folder.path()).unwrap();
+        let left: Vec<_> = left
+            .flatten()
+            .map(|entry| entry.file_name())
+            .filter(|name| {
+                // An empty folder of all runs is not a run.
+                let runs = folder.path().join(name);
+                std::fs::read_dir(runs).is_ok_and(|mut runs| runs.next().is_some())
+            })
+            .collect();
+        assert!(left.is_empty(), "{words}: {left:?}");
+    }
+}
+
 #[test]
 fn wrong_usage_has_its_own_exit_code() {
     for arguments in [

@@ -287,17 +287,33 @@ fn never_rings_more(found: &serde_json::Value) {
     }
 }
 
-/// Every robot with a tension-held cable that hangs can be tuned, those with a geared winch, too.
+/// Every robot with a tension-held cable can be tuned, those with a geared winch, and those held on all sides, too.
 #[test]
-fn every_hanging_robot_is_tuned_and_nothing_that_rings_is_recommended() {
+fn every_robot_with_a_tension_loop_is_tuned_and_nothing_that_rings_is_recommended() {
     let folder = Folder::new("tune-all");
-    for robot in ["paper-ideal", "paper-table5", "paper-table3"] {
+    // Those without a model are searched on the robot: a law with a speed as its output, and a platform that is held
+    // on all sides.
+    for (robot, modelled) in [
+        ("paper-ideal", true),
+        ("paper-table5", false),
+        ("paper-table3", true),
+        ("planar-vertical", false),
+    ] {
         let at = folder.path().join(robot);
         let found = json(&["tune", "tension", "--robot", robot], &at);
         never_rings_more(&found);
-        let has_model = !found["identified"].is_null();
-        assert_eq!(has_model, robot != "paper-table5", "{found}");
+        assert_eq!(!found["identified"].is_null(), modelled, "{found}");
     }
+    let refused = mcdpr_tests::mcdpr()
+        .args(["tune", "tension", "--robot", "three-point"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(
+        !refused.status.success() && said.contains("no tension loop to tune"),
+        "{said}"
+    );
     let words = [
         "tune",
         "tension",

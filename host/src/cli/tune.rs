@@ -11,7 +11,7 @@ use crate::motion::Model;
 use crate::record::Doing;
 use crate::report::RunFolder;
 use crate::robot::{Robot, TensionLaw, TensionOutput};
-use crate::run::{RunError, watch_for_interrupts};
+use crate::run::{Alone, RunError, watch_for_interrupts};
 use crate::tension::rig::Rig;
 use crate::tension::tune::{
     Answer, Identified, LEAST, Margins, check_gains, excitation, excite, identify,
@@ -88,7 +88,12 @@ impl Tension {
         }
         let asked = self.asked(&robot.tension)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        let cable = model.hanging("tuning the tension law")?;
+        let cable = model.holding().first_by_tension().ok_or_else(|| {
+            Failed::from_error("tune tension")(format!(
+                "{} holds every cable by its length: there is no tension loop to tune",
+                robot.name
+            ))
+        })?;
         let missing = || Failed::from_error("the robot file")("it has no winch for this cable");
         let winch = robot.winch_of(cable).ok_or_else(missing)?;
         let damping_time_s = robot.cables.get(cable).map_or(0.0, |c| c.damping_time_s);
@@ -104,8 +109,12 @@ impl Tension {
         };
         let before = tries.answer(robot.tension, "before")?;
         let identified = match robot.tension.output {
-            TensionOutput::Velocity => None,
-            TensionOutput::Current => Some(identify(&robot, cable, winch, &before)?),
+            TensionOutput::Current if model.holding().hangs() => {
+                let _alone = Alone::begin();
+                Some(identify(&robot, cable, winch, &before)?)
+            }
+            // The model is that of a platform that swings on lengths: elsewhere the robot itself is searched.
+            TensionOutput::Current | TensionOutput::Velocity => None,
         };
         let judged = |law: &TensionLaw| {
             let found = identified.as_ref();
@@ -215,7 +224,10 @@ impl Tries<'_> {
                 delay_s: LEAST.delay_s * factor,
             };
             let law = &self.robot.tension;
-            let (law, margins) = match identified.propose(law, damping_time_s, &least) {
+            let alone = Alone::begin();
+            let proposed = identified.propose(law, damping_time_s, &least);
+            drop(alone);
+            let (law, margins) = match proposed {
                 Ok(proposed) => proposed,
                 Err(error) => {
                     failed.get_or_insert_with(|| miette::Report::from(error));
@@ -242,8 +254,8 @@ impl Tries<'_> {
         failed.filter(|_| !tried).map_or(Ok(best), Err)
     }
 
-    /// Gains of a law that commands a speed: there is no model of the drive's own loop, so that the robot itself
-    /// is searched, from the file's gains on. Gains that are proposed were also tested at [`SPARE`] times.
+    /// Gains of a law that commands a speed, and of a platform that is held on all sides: there is no model of the
+    /// drive's own loop, nor of that platform, so that the robot itself is searched, from the file's gains on. Gains that are proposed were also tested at [`SPARE`] times.
     fn by_search(&self, before: &Answer) -> Result<Option<Tried>, miette::Report> {
         let (mut best, mut failed) = (None, None);
         let from = self.robot.tension;

@@ -7,6 +7,7 @@ use super::super::{Common, Failed, Outcome, print_json};
 use super::answers::{Answers, ask, can_ask};
 use super::frame::{OwnWinch, Winches, complete};
 use super::{init, physics};
+use crate::motion::Model;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -53,6 +54,7 @@ pub(super) fn compose(
     };
     let mut frame = complete(file, &answers).map_err(Failed::from_error("the answers"))?;
     modules.one_each(&found, frame.cables.len()).map_err(bad)?;
+    unlike(&found).map_err(bad)?;
     frame.winches = Winches::Own(numbered(&found, &below).map_err(bad)?);
     // Everything that is wrong with a module is found before the file is written.
     let robot = crate::robot::parse(&frame.text(""), file)?;
@@ -73,10 +75,10 @@ pub(super) fn compose(
         say!("cable {}: {found}", index + 1);
     }
     physics::show(&judged, &file.display().to_string());
-    say!(
-        "the modules keep their constants: of the robot only the frame is to be identified \
-         (mcdpr calibrate frame)"
-    );
+    say!("the modules keep their constants: of the robot only the frame is to be identified");
+    if Model::new(&robot)?.hanging("collecting").is_ok() {
+        say!("by mcdpr calibrate frame, with a camera on the platform");
+    }
     Ok(())
 }
 
@@ -187,6 +189,27 @@ fn below(file: &Path, modules: &Path) -> Result<PathBuf, String> {
         )
     })?;
     Ok(below.to_owned())
+}
+
+/// Refuses two modules with one number.
+fn unlike(found: &[Found]) -> Result<(), String> {
+    for (index, module) in found.iter().enumerate() {
+        for other in &found[..index] {
+            let both = [
+                ("id", module.id, other.id, "every winch"),
+                ("node", module.node, other.node, "every drive on the bus"),
+            ];
+            for (key, number, same, what) in both {
+                if let Some(number) = number.filter(|number| Some(*number) == same) {
+                    return Err(format!(
+                        "{}: `{key}` {number} is already that of {}; give {what} its own",
+                        module.name, other.name
+                    ));
+                }
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Gives the modules without numbers those that are free.
