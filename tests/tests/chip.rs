@@ -45,7 +45,7 @@ fn static_ram() -> u64 {
 }
 
 fn model() -> Model {
-    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-ideal").unwrap()).unwrap()
 }
 
 fn line() -> Task {
