@@ -17,9 +17,9 @@ use crate::config::{Active, CableConfig, Control};
 /// What a brake must hold beyond the load is half of the load, or at least this, mN.
 // 1 N: half of a very small load would prove nothing.
 const LEAST_PUSH_MN: i32 = 1000;
-/// The push exceeds what a brake must hold by a sixteenth, or by this, mN, but by an eighth at most. It
-/// is what moves a drum whose brake barely fails.
-const MARGIN_MN: i32 = 250;
+/// The push exceeds what a brake must hold by this share, as a shift: an eighth. It is what moves a drum
+/// whose brake barely fails.
+const MARGIN_SHIFT: u32 = 3;
 /// Ticks for which the push is held.
 // A brake that lacks 0.25 N lets 34 kg turn by 0.15 mm in 200 ms; four encoder counts of the paper's
 // drum are 0.12 mm.
@@ -112,11 +112,11 @@ impl Proof {
         }
         // The push pays out: it adds to the load on the brake. Friction is subtracted first; behind a
         // gear it is half as much again at rest.
-        // Example: a load of 6 N. The brake must hold 9 N; it is pushed with 3.56 N.
+        // Example: a load of 6 N. The brake must hold 9 N; it is pushed with 4.1 N.
         let load_mn = load_mn.max(0);
         let more_mn = (load_mn / 2).max(LEAST_PUSH_MN);
         let needed_mn = load_mn + more_mn;
-        let push_mn = more_mn + MARGIN_MN.min(needed_mn >> 3).max(needed_mn >> 4);
+        let push_mn = more_mn + (needed_mn >> MARGIN_SHIFT);
         // A force-controlled drive returns by itself, with the force that it held before.
         let by_length = config.control == Control::Length;
         let gives_force = !by_length && !config.commands_speed();

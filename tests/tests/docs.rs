@@ -320,6 +320,7 @@ fn folders(word: &str) -> &'static [&'static str] {
         "core" => &["firmware/tests/core", "firmware/src/controller"],
         "protocol" => &["protocol/tests"],
         "chip" => &["tests/tests/chip_faults", "tests/tests", "emulator/tests"],
+        "twin" => &["twin/tests"],
         "host" => &[
             "tests/tests",
             "host/src",

@@ -67,15 +67,25 @@ fn accepted(model: &Model, injection: &Injection) -> Vec<FaultId> {
     }
 }
 
-/// Why docs/faults.md says that this fault is not noticed; `None` where it must be.
+/// Why docs/faults.md ("What need not be reported") says that this fault is not noticed; `None` where it
+/// must be.
 #[must_use]
 pub fn silent(injection: &Injection, moment: Moment) -> Option<&'static str> {
     use FaultId as F;
-    let _ = moment;
+    let strength = injection.strength;
+    let in_motion = matches!(moment, Moment::Moving | Moment::Blending);
     match injection.fault {
         F::L1 | F::L3 | F::L4 | F::L9 => Some("the link's protocol repairs it"),
         F::S1 => Some("single readings are replaced"),
         F::S9 => Some("advice"),
+        // 5 N at full strength: refused beyond 2 N or a fifth of the tension, at arming only.
+        F::S10 if moment != Moment::Off || strength < 0.7 => Some("advice once it is armed"),
+        F::D4 if !in_motion || strength < 1.0 => Some("a motor at rest is not saturated"),
+        F::D5 if moment != Moment::Off => Some("its drives are up"),
+        F::B3 => Some("a brake that is late while torque holds the drum turns nothing"),
+        F::C2 => Some("the cable need not come over its limit"),
+        F::C4 => Some("there is no detector for it"),
+        F::C5 if !in_motion || strength < 1.0 => Some("contact is looked for in motion"),
         _ => None,
     }
 }
