@@ -20,7 +20,7 @@ const PITCH_M: f64 = 0.11;
 
 /// Something that somebody knocks.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Knock {
+pub(super) enum Knock {
     /// An anchor (from 0), by this much, world, m.
     Anchor(usize, [f64; 3]),
     /// The camera: shift, m, and turn, rad, in its own frame.
@@ -29,7 +29,7 @@ pub enum Knock {
 
 /// The machine.
 #[derive(Debug)]
-pub struct Machine {
+pub(super) struct Machine {
     plant: DayPlant,
     hours: AfterHours,
     random: Random,
@@ -168,7 +168,7 @@ impl Machine {
 
     /// The truth, for judging.
     #[must_use]
-    pub fn truth(&self) -> DayState {
+    pub(super) fn truth(&self) -> DayState {
         self.plant.state()
     }
 
@@ -252,7 +252,7 @@ impl Machine {
     ///
     /// # Errors
     /// If there is no such cable.
-    pub fn knock(&mut self, knock: &Knock) -> Result<(), PlantError> {
+    pub(super) fn knock(&mut self, knock: &Knock) -> Result<(), PlantError> {
         match knock {
             Knock::Anchor(cable, by_m) => self.plant.knock_anchor(*cable, *by_m),
             Knock::Camera(shift, turn) => {

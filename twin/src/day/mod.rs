@@ -10,5 +10,4 @@ mod robot;
 mod tests;
 mod work;
 
-pub use machine::{Knock, Machine};
 pub use work::{Day, DayError, Kind, Knocked, LoadError, Sample, Work};

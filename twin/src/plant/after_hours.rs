@@ -25,20 +25,6 @@ pub struct AfterHours {
 }
 
 impl AfterHours {
-    /// Nothing changes.
-    #[must_use]
-    pub const fn none() -> Self {
-        Self {
-            creep: 0.0,
-            warmer_k: 0.0,
-            frame_per_k: 0.0,
-            cable_per_k: 0.0,
-            drift_n: 0.0,
-            length_m: 0.0,
-            camera: [0.0; 2],
-        }
-    }
-
     /// Polymer cables on an aluminium frame in a room that warms by 5 K.
     ///
     /// Sources: aluminium 23e-6 1/K (EN 1999-1-1); UHMWPE fibre -12e-6 1/K (data sheets of Dyneema);

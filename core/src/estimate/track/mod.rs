@@ -103,8 +103,8 @@ const RETARDATION_S: [f64; 2] = [300.0, 7200.0];
 /// Shares of the final creep.
 const CREEP_SHARES: [f64; 2] = [0.4, 0.6];
 const EIGHT_HOURS_S: f64 = 28_800.0;
-/// The centre of gravity of a load is found to this at once where tensions alone tell, m.
-const SETTLED_KG: f64 = 1e-9;
+/// A payload lighter than this is none.
+const LIGHTEST_KG: f64 = 1e-3;
 
 /// What one rest taught.
 #[derive(Debug, Clone, PartialEq)]
@@ -285,7 +285,7 @@ impl Tracker {
     pub fn load(&self) -> Option<Load> {
         let first = self.layout.payload();
         let mass_kg = self.now.mean[first];
-        if !self.loaded || mass_kg <= SETTLED_KG {
+        if !self.loaded || mass_kg <= LIGHTEST_KG {
             return None;
         }
         let center_m = vector(&self.now.mean, first + 1) / mass_kg;
@@ -510,13 +510,6 @@ impl Tracker {
         let (layout, x) = (self.layout, &self.planned);
         let rubbed = 1.0 + x[layout.loss()] * hauled;
         tension_n * rubbed * (1.0 + x[layout.gain(cable)]) + x[layout.zero(cable)]
-    }
-
-    /// Loss over a pulley and its standard deviation, as tracked.
-    #[must_use]
-    pub fn loss(&self) -> [f64; 2] {
-        let state = self.layout.loss();
-        [self.now.mean[state], self.now.variance(state).sqrt()]
     }
 
     /// The states after a hypothesis is granted: what may have moved is free to move.

@@ -5,7 +5,7 @@ use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::motion::Model;
 use crate::run::{interrupted, watch_for_interrupts};
 use mcdpr_twin::day::{Day, DayError, Kind, Work};
-use mcdpr_twin::plant::Mismatch;
+use mcdpr_twin::plant::{AfterHours, Mismatch};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
@@ -24,6 +24,15 @@ pub(crate) struct Cmd {
     /// Size of the knocks that are tried on copies of the machine, once an hour; 0 for none
     #[arg(long, default_value_t = 3.0, value_name = "MM")]
     knock_mm: f64,
+    /// What the cables are made of: steel creeps next to nothing
+    #[arg(long, value_enum, default_value_t = Cables::Polymer)]
+    cables: Cables,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Cables {
+    Polymer,
+    Steel,
 }
 
 impl Cmd {
@@ -56,7 +65,10 @@ impl Cmd {
             .map(|(kind, seed)| {
                 let work = Work {
                     model: model.clone(),
-                    mismatch: Mismatch::after_hours(),
+                    mismatch: match self.cables {
+                        Cables::Polymer => Mismatch::after_hours(),
+                        Cables::Steel => (Mismatch::realistic(), AfterHours::steel()),
+                    },
                     hours: self.hours,
                     look_every_s: self.look_every_s,
                     kind,
