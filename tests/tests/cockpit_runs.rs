@@ -90,6 +90,7 @@ fn a_run_of_before_is_judged_and_moves_in_the_drawing_until_the_robot_moves() {
     page.click("#run-live");
     assert!(page.truth("document.getElementById('past').hidden && !Scene.past"));
     // The charts' buttons, and the list read again.
+    page.click("#run-show");
     let width = "mcdpr.runCharts.range[1] - mcdpr.runCharts.range[0]";
     let settled = "mcdpr.runCharts.data && !mcdpr.runCharts.busy";
     wait(&mut page, settled);
@@ -120,6 +121,7 @@ fn a_run_of_before_is_judged_and_moves_in_the_drawing_until_the_robot_moves() {
         page.run("window.opened.join()"),
         "/runs/2026-01-02-circle/report,/runs/2026-01-02-circle/compare/2026-01-01-line"
     );
+    page.click("#run-live");
     // Another robot's run has figures, and no drawing.
     page.fill("run-list", "2026-01-03-other");
     page.click("#run-show");
