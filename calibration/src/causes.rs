@@ -145,7 +145,7 @@ fn tags(data: &Data) -> Vec<Cause> {
     }
     out.push((words, mirrored));
     let words = "the pictures are mirrored".to_owned();
-    let width = f64::from(data.camera.size_px[0]);
+    let width = data.camera.size_px[0] as f64;
     out.push(changed(data, words, |pose| {
         for corner in pose.views.iter_mut().flat_map(|view| &mut view.corners_px) {
             corner[0] = width - corner[0];
