@@ -9,7 +9,7 @@ pub use after::AfterCut;
 use super::MemoryDisk;
 use super::writer::{About, JournalWriter};
 use crate::experiment::Experiment;
-use crate::link::{ClientError, SimulatedLink, plant_failed};
+use crate::link::{ClientError, plant_failed};
 use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Task};
 use crate::record::EventBus;
