@@ -66,10 +66,10 @@ pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
                 let words: Vec<_> = found.into_iter().map(|slip| slip.words).collect();
                 slipped(&words)
             };
-            Err(usable(data)
-                .ok()
-                .and_then(|usable| diagnosis(data, &usable, options))
-                .or_else(|| causes::named(data, options))
+            let size = || diagnosis(data, &usable(data).ok()?, options);
+            // Another size explains much: a mistake that explains all comes first.
+            Err(causes::named(data, options)
+                .or_else(size)
                 .or_else(slipped)
                 .unwrap_or(refusal))
         }
