@@ -18,7 +18,7 @@ pub(crate) fn named(data: &Data, options: &Options) -> Option<Refusal> {
         let few = 50 * answer.rejected.len() < rows(data);
         (few && ratio < FITS).then_some((ratio, words))
     };
-    let kinds: [fn(&Data) -> Vec<Cause>; 4] = [units, encoders, swapped_cables, tags];
+    let kinds: [fn(&Data) -> Vec<Cause>; 3] = [units, encoders, swapped_cables];
     for kind in kinds {
         let mut found: Vec<(f64, String)> = kind(data).into_iter().filter_map(explains).collect();
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -133,47 +133,6 @@ fn swapped_cables(data: &Data) -> Vec<Cause> {
     out
 }
 
-fn tags(data: &Data) -> Vec<Cause> {
-    let mut out = Vec::new();
-    // Corners run the other way round.
-    let words =
-        "the tags' corners are in mirrored order (clockwise for counter-clockwise)".to_owned();
-    let mut mirrored = data.clone();
-    for tag in &mut mirrored.tags {
-        tag.corners_in_body_m.swap(0, 1);
-        tag.corners_in_body_m.swap(2, 3);
-    }
-    out.push((words, mirrored));
-    let words = "the pictures are mirrored".to_owned();
-    let width = data.camera.size_px[0] as f64;
-    out.push(changed(data, words, |pose| {
-        for corner in pose.views.iter_mut().flat_map(|view| &mut view.corners_px) {
-            corner[0] = width - corner[0];
-        }
-    }));
-    for a in 0..data.tags.len() {
-        for b in a + 1..data.tags.len() {
-            if data.tags[a].corners_in_body_m == data.tags[b].corners_in_body_m
-                && data.tags[a].body == data.tags[b].body
-            {
-                continue;
-            }
-            let (first, second) = (data.tags[a].id, data.tags[b].id);
-            let words = format!("tags {first} and {second} are swapped");
-            out.push(changed(data, words, |pose| {
-                for view in &mut pose.views {
-                    view.tag = match view.tag {
-                        tag if tag == a => b,
-                        tag if tag == b => a,
-                        tag => tag,
-                    };
-                }
-            }));
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::joint::{Options, joint};
@@ -202,7 +161,7 @@ mod tests {
 
     #[test]
     fn swapped_cables_reversed_encoders_and_wrong_units_are_named() {
-        for seed in 1..=3 {
+        for seed in 1..=2 {
             let words = refused(Target::Board, seed, |data| {
                 each(data, |pose| {
                     pose.encoder_m.swap(1, 2);
@@ -228,30 +187,6 @@ mod tests {
                 });
             });
             assert!(words.contains("in cm"), "{seed}: {words}");
-        }
-    }
-
-    #[test]
-    fn swapped_tags_and_mirrored_corners_are_named() {
-        for seed in 1..=2 {
-            let words = refused(Target::Board, seed, |data| {
-                each(data, |pose| {
-                    for view in &mut pose.views {
-                        view.tag = [0, 5, 2, 3, 4, 1, 6, 7, 8][view.tag];
-                    }
-                });
-            });
-            assert!(
-                words.contains("tags 1 and 5 are swapped"),
-                "{seed}: {words}"
-            );
-            let words = refused(Target::Board, seed, |data| {
-                for tag in &mut data.tags {
-                    tag.corners_in_body_m.swap(0, 1);
-                    tag.corners_in_body_m.swap(2, 3);
-                }
-            });
-            assert!(words.contains("mirrored"), "{seed}: {words}");
         }
     }
 }

@@ -66,10 +66,10 @@ pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
                 let words: Vec<_> = found.into_iter().map(|slip| slip.words).collect();
                 slipped(&words)
             };
-            Err(usable(data)
-                .ok()
-                .and_then(|usable| diagnosis(data, &usable, options))
-                .or_else(|| causes::named(data, options))
+            let size = || diagnosis(data, &usable(data).ok()?, options);
+            // Another size explains much: a mistake that explains all comes first.
+            Err(causes::named(data, options)
+                .or_else(size)
                 .or_else(slipped)
                 .unwrap_or(refusal))
         }
@@ -369,6 +369,10 @@ fn stretch(data: &Data, usable: &Usable, minimum: &Minimum) -> Option<String> {
     best.map(|(_, words)| words)
 }
 
+/// Share by which a drum, and a load cell's gain, may be off: several times what machines as delivered show.
+const DRUM_MAX: f64 = 0.1;
+const GAIN_MAX: f64 = 0.4;
+
 /// Refuses data that contradict the model and warns of doubtful ones.
 #[allow(clippy::too_many_arguments)]
 fn judge(
@@ -386,6 +390,24 @@ fn judge(
     // Six standard deviations of the prior: 0.6 % of the size by default.
     if tags_off.abs() > 6.0 {
         return Err(wrong_size(data, state.tag_scale));
+    }
+    // Priors that the data widen must not turn a mistake into a property of the machine.
+    for i in 0..data.cable_count() {
+        let (drum, gain) = (state.scale(i) - 1.0, -state.loss[i]);
+        if drum.abs() > DRUM_MAX {
+            return refuse(format!(
+                "cable {}'s lengths come out {:+.0} % off: check its drum, its encoder and the unit",
+                i + 1,
+                drum * 100.0
+            ));
+        }
+        if gain.abs() > GAIN_MAX {
+            return refuse(format!(
+                "cable {}'s tensions come out {:+.0} % off: check its sensor's gain and the unit",
+                i + 1,
+                gain * 100.0
+            ));
+        }
     }
     let blame = blame(model, minimum);
     let rows = judge_rejected(minimum, rejected, &blame)?;
