@@ -186,11 +186,6 @@ impl<L: Lines> Boards<L> {
         }))
     }
 
-    /// The lines, to look at or to disturb.
-    pub const fn lines(&mut self) -> &mut L {
-        &mut self.lines
-    }
-
     /// What messages call a board.
     fn name(&self, board: usize) -> String {
         let line = self.line_of.get(board).copied().unwrap_or(board);
