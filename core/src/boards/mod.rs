@@ -132,6 +132,9 @@ pub struct Boards<L: Lines> {
     merger: Merger,
     /// Answers older than this say nothing about the state that was asked for, µs.
     since_us: u64,
+    /// When the boards were last watched, and since when without a pause, µs.
+    watched_us: u64,
+    awake_us: u64,
     /// The last stop that was passed on because of a board, and when, µs.
     relayed: Option<(mcdpr_protocol::StopKind, u64)>,
     /// What the host was told last.
@@ -175,15 +178,12 @@ impl<L: Lines> Boards<L> {
             entries: Vec::new(),
             course: None,
             since_us: 0,
+            watched_us: 0,
+            awake_us: 0,
             relayed: None,
             told: None,
             culprit: None,
         }))
-    }
-
-    /// The lines, to look at or to disturb.
-    pub const fn lines(&mut self) -> &mut L {
-        &mut self.lines
     }
 
     /// What messages call a board.

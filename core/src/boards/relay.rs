@@ -7,6 +7,8 @@ use mcdpr_protocol::{BoardState, Request, StopKind};
 /// A board that has not answered for this long is lost, µs: as long as a board waits for its host,
 /// so that both sides of a broken line hold at the same time.
 const SILENT_US: u64 = 100_000;
+/// A loop that has not run for this long was suspended, µs: heartbeats make it run every 9 ms.
+const PAUSED_US: u64 = 30_000;
 /// Time after which a stop is passed on again to a board that has not obeyed, µs.
 const AGAIN_US: u64 = 50_000;
 /// Time for the other boards to confirm that they hold after one is lost, µs.
@@ -38,14 +40,20 @@ impl<L: Lines> Boards<L> {
     /// When a silent board would be noticed, µs.
     pub(super) fn watch_due_us(&self) -> u64 {
         let armed = self.members.iter().filter(|member| works(member.state));
-        let due = armed.map(|member| member.client.heard_us() + SILENT_US + 1);
+        let due = armed.map(|member| member.client.heard_us().max(self.awake_us) + SILENT_US + 1);
         due.min().unwrap_or(u64::MAX)
     }
 
     /// Passes a stop of one board on to the others, and notices a silent board.
     pub(super) fn watch(&mut self, now_us: u64) -> Result<(), LinkError> {
+        // A pause of this program itself is no silence of a board.
+        if now_us >= self.watched_us + PAUSED_US {
+            self.awake_us = now_us;
+        }
+        self.watched_us = now_us;
+        let awake_us = self.awake_us;
         let silent = self.members.iter().position(|member| {
-            works(member.state) && now_us > member.client.heard_us() + SILENT_US
+            works(member.state) && now_us > member.client.heard_us().max(awake_us) + SILENT_US
         });
         if let Some(board) = silent {
             let error = ClientError::Lost {

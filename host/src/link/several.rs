@@ -142,7 +142,13 @@ impl Lines for SerialLines {
         let left_s = until_us.saturating_sub(self.update()) as f64 * 1e-6 / self.scale;
         let wait = Duration::from_secs_f64(left_s.min(1.0));
         match self.heard.recv_timeout(wait) {
-            Ok(heard) => self.take(heard, into)?,
+            Ok(heard) => {
+                self.take(heard, into)?;
+                // All that waits: a line that is read later must not look silent.
+                while let Ok(heard) = self.heard.try_recv() {
+                    self.take(heard, into)?;
+                }
+            }
             Err(RecvTimeoutError::Timeout) => {
                 self.update();
             }
