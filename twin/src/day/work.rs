@@ -455,7 +455,12 @@ impl Running<'_> {
                 off_m: f64::NAN,
             };
             for looks in 1..=2 {
-                trial.look()?;
+                // Work goes on between looks, and every rest counts.
+                trial.last_named = None;
+                trial.circle()?;
+                if trial.last_named.is_none() {
+                    trial.look()?;
+                }
                 if let Some(named) = trial.last_named {
                     result.looks = Some(looks);
                     result.right = named.what == what;
