@@ -121,7 +121,8 @@ fn the_demo_on_the_chip_tracks_as_the_core_in_this_process() {
     let runs: Vec<[Value; 2]> = ["1", "2", "3", "4"]
         .map(|seed| {
             [&["demo"][..], &["demo", "--on", "chip"]].map(|words| {
-                let document = document(&[words, &["--seed", seed]].concat());
+                let robot = ["--seed", seed, "--robot", "paper-ideal"];
+                let document = document(&[words, &robot].concat());
                 assert_eq!(document["simulated"], true);
                 document
             })

@@ -526,7 +526,7 @@ fn f8_f9_a_calibration_is_kept_whole_and_used_only_where_it_belongs() {
             .as_array()
             .unwrap()
             .len(),
-        59
+        71
     );
     // The robot that it makes.
     let applied = result::apply(&robot, &file).unwrap();

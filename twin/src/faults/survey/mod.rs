@@ -179,12 +179,16 @@ fn day(
     let handle = Handle::new();
     let number = SessionId(if day == Day::First { 1 } else { 2 });
     let mut session = Session::open(model, link.clone(), number, &handle, homing, &NoStore)?;
-    let plan = session.plan(drawn.task.clone(), None);
+    // Planned before arming: a task that is refused must not leave an armed robot without a host.
+    let plan = match day {
+        Day::ArmsOnly => None,
+        Day::First | Day::Second => Some(session.plan(drawn.task.clone(), None)?),
+    };
     session.arm()?;
-    if day != Day::ArmsOnly {
+    if let Some(plan) = plan {
         let stop_s = drawn.stop_s.filter(|_| day == Day::First);
         let mut ordered = false;
-        session.follow(&plan?, &mut Recorder::default(), |progress| {
+        session.follow(&plan, &mut Recorder::default(), |progress| {
             if !ordered && stop_s.is_some_and(|stop_s| progress.path_s >= stop_s) {
                 handle.stop();
                 ordered = true;
