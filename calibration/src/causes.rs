@@ -3,17 +3,20 @@
 //! A mistake is named where the data fit once it is undone, and fit with no other one: then it is the cause,
 //! or cannot be told from it.
 
+use super::answer::Answer;
 use super::data::Data;
 use super::error::Refusal;
-use super::fit::{Options, fit_once};
 
 /// A mistake, in words, and the data without it.
 type Cause = (String, Data);
 
-/// The refusal that names the mistake; `None` where no mistake, or more than one, explains the data.
-pub(crate) fn named(data: &Data, options: &Options) -> Option<Refusal> {
+/// The refusal that names the mistake, by this estimate; `None` where no mistake, or more than one, explains the data.
+pub(crate) fn named(
+    data: &Data,
+    fit: &dyn Fn(&Data) -> Result<Answer, Refusal>,
+) -> Option<Refusal> {
     let explains = |(words, undone): Cause| -> Option<(f64, String)> {
-        let answer = fit_once(&undone, options).ok()?;
+        let answer = fit(&undone).ok()?;
         let ratio = answer.chi_square? / answer.degrees_of_freedom?.max(1.0);
         let few = 50 * answer.rejected.len() < rows(data);
         (few && ratio < FITS).then_some((ratio, words))

@@ -68,7 +68,7 @@ pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
             };
             let size = || diagnosis(data, &usable(data).ok()?, options);
             // Another size explains much: a mistake that explains all comes first.
-            Err(causes::named(data, options)
+            Err(causes::named(data, &|data| fit_once(data, options))
                 .or_else(size)
                 .or_else(slipped)
                 .unwrap_or(refusal))
@@ -82,7 +82,7 @@ pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
 }
 
 /// As [`fit`], with no cause of a refusal sought.
-pub(crate) fn fit_once(data: &Data, options: &Options) -> Result<Answer, Refusal> {
+fn fit_once(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     attempt(data, &usable(data)?, options)
 }
 

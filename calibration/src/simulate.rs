@@ -69,7 +69,7 @@ pub struct Found {
 }
 
 /// The machine as found, its winches calibrated.
-pub const FOUND: Found = Found {
+pub(crate) const FOUND: Found = Found {
     drum: 3e-3,
     gain: 0.01,
     zero_n: 0.27,

@@ -5,7 +5,7 @@ use super::error::Refusal;
 use super::normal::{Normal, Reduced, Step, Weights};
 use super::rows::{Model, Source, singles};
 use super::unknowns::{Priors, State};
-use super::variance::Widening;
+use super::variance::{Rows, Widening};
 use mcdpr_kinematics::{Attempt, Damping, Descent};
 use nalgebra::DMatrix;
 
@@ -119,14 +119,6 @@ pub(super) fn initial_lengths(data: &Data, state: &mut State) -> Result<(), Refu
                 })?;
     }
     Ok(())
-}
-
-/// Leverage and residual of each row at a minimum.
-pub(crate) struct Rows {
-    /// Leverage of each row, by pose.
-    pub leverage: Weights,
-    /// Source of each row.
-    pub sources: Vec<Vec<Source>>,
 }
 
 fn examine(

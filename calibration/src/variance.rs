@@ -9,10 +9,17 @@
 
 use super::normal::{Normal, Weights};
 use super::rows::{Model, Scatter, Source};
-use super::solve::Rows;
 use super::unknowns::{Part, Priors, State};
 use mcdpr_kinematics::Descent;
 use nalgebra::DMatrix;
+
+/// Leverage and residual of each row at a minimum.
+pub(crate) struct Rows {
+    /// Leverage of each row, by pose.
+    pub leverage: Weights,
+    /// Source of each row.
+    pub sources: Vec<Vec<Source>>,
+}
 
 /// Greatest change of a standard deviation in one round.
 const STEP: f64 = 8.0;

@@ -3,7 +3,7 @@
 
 use crate::adc;
 use crate::axis::Target;
-use crate::config::{Active, Control};
+use crate::config::{Active, CableConfig, Control};
 use crate::io::{DriveInput, Inputs};
 use crate::proof;
 use crate::tension;
@@ -244,12 +244,17 @@ impl Oscillation {
     /// Duration, ticks.
     pub(crate) const TICKS: u32 = 12 * QUARTER;
 
-    /// Test motion of a drum, 0.1 µm, for its encoder's resolution.
+    /// Test motion of a drum, 0.1 µm, for its encoder's resolution. A cable without a floor may be slack, or not on
+    /// its drum yet: then no load holds the gear on one flank, and the motor first turns through the play.
     #[must_use]
-    pub fn amplitude(per_count_q24: i64) -> i32 {
+    // Once in the chip's memory, not in each of its callers.
+    #[inline(never)]
+    pub(crate) fn amplitude(config: &CableConfig) -> i32 {
+        let per_count_q24 = config.per_count_q24;
+        let play = if config.floor_mn == 0 { config.play } else { 0 };
         // At least 1.6 um: with a finer encoder the motion would vanish in the rounding below.
         let counts = (per_count_q24.abs() * OSCILLATION_COUNTS) >> 24;
-        crate::fixed::saturate(counts.clamp(16, OSCILLATION_MOST))
+        crate::fixed::saturate(counts.clamp(16, OSCILLATION_MOST)) + play
     }
 
     /// The length around which the drum was moved, 0.1 µm.

@@ -2,7 +2,7 @@
 
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
-use crate::simulation::LinkOptions;
+use crate::wire::{LinkOptions, WireVersion};
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::{self, Line, RING};
 use mcdpr_firmware::link::{Incoming, LinkState, Outgoing, Queues};
@@ -142,15 +142,6 @@ impl Line for Ring {
     fn byte(&self, number: u32) -> u8 {
         self.bytes[Self::place(number)]
     }
-}
-
-/// Version of a wire format.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WireVersion {
-    /// Boards and hosts of different major versions do not understand each other.
-    pub major: u16,
-    /// Raised by every change.
-    pub minor: u16,
 }
 
 /// The control core as a board for these cables of a plant; `number` from 0 tells several boards

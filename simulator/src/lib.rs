@@ -14,11 +14,10 @@ mod board;
 pub mod camera;
 pub mod can;
 pub mod plant;
-mod several;
 mod simulation;
 mod wire;
 
-pub use board::{VirtualBoard, WireVersion};
-pub use several::{BoardPlace, BoardTime};
-pub use simulation::{LinkOptions, Simulation, TracePoint};
-pub use wire::{Wire, WireFaults};
+pub use board::VirtualBoard;
+pub use simulation::several::{BoardPlace, BoardTime};
+pub use simulation::{Simulation, TracePoint};
+pub use wire::{LinkOptions, Wire, WireFaults, WireVersion};

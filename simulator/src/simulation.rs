@@ -1,43 +1,15 @@
 //! The whole simulated robot behind a serial line, in virtual time.
 
-use crate::board::{VirtualBoard, WireVersion};
+pub(crate) mod several;
+
+use crate::board::VirtualBoard;
 use crate::camera::Cell;
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError, Truth};
-use crate::several::Clock;
-use crate::wire::{Wire, WireFaults};
+use crate::wire::{LinkOptions, Wire, WireFaults};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultRecord, Tick};
-
-/// Properties of the line to the board.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LinkOptions {
-    /// Bit/s.
-    pub baud: u32,
-    /// One-way latency of bridges and drivers, µs.
-    pub latency_us: u32,
-    /// Faults on the way to the board.
-    pub to_board: WireFaults,
-    /// Faults on the way to the host.
-    pub to_host: WireFaults,
-    /// The board's tick when it starts (a test of the counter's wrap starts near the end).
-    pub first_tick: u32,
-    /// Wire format that the board reports, if not this one.
-    pub version: Option<WireVersion>,
-}
-
-impl Default for LinkOptions {
-    fn default() -> Self {
-        Self {
-            baud: 921_600,
-            latency_us: 1000,
-            to_board: WireFaults::default(),
-            to_host: WireFaults::default(),
-            first_tick: 0,
-            version: None,
-        }
-    }
-}
+use several::Clock;
 
 /// The true state in one tick. For reports and tests: a host cannot see it.
 #[derive(Debug, Clone)]

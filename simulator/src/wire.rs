@@ -225,3 +225,42 @@ mod tests {
         );
     }
 }
+
+/// Version of a wire format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WireVersion {
+    /// Boards and hosts of different major versions do not understand each other.
+    pub major: u16,
+    /// Raised by every change.
+    pub minor: u16,
+}
+
+/// Properties of the line to the board.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinkOptions {
+    /// Bit/s.
+    pub baud: u32,
+    /// One-way latency of bridges and drivers, µs.
+    pub latency_us: u32,
+    /// Faults on the way to the board.
+    pub to_board: WireFaults,
+    /// Faults on the way to the host.
+    pub to_host: WireFaults,
+    /// The board's tick when it starts (a test of the counter's wrap starts near the end).
+    pub first_tick: u32,
+    /// Wire format that the board reports, if not this one.
+    pub version: Option<WireVersion>,
+}
+
+impl Default for LinkOptions {
+    fn default() -> Self {
+        Self {
+            baud: 921_600,
+            latency_us: 1000,
+            to_board: WireFaults::default(),
+            to_host: WireFaults::default(),
+            first_tick: 0,
+            version: None,
+        }
+    }
+}

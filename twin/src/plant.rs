@@ -120,7 +120,7 @@ impl Mismatch {
 
     /// [`Self::as_found`] before its winches and cells were calibrated.
     #[must_use]
-    pub const fn as_delivered() -> Self {
+    pub(crate) const fn as_delivered() -> Self {
         let mut out = Self::as_found();
         out.sensor_gain = 0.17;
         out.found.drum = 0.02;

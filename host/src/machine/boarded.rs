@@ -28,7 +28,7 @@ pub fn simulate_unloaded(
 ///
 /// # Errors
 /// If no board supports such a robot.
-pub fn line_to(
+pub(crate) fn line_to(
     robot: &Robot,
     plant: Plant,
     link: &LinkOptions,

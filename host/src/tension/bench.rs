@@ -3,9 +3,7 @@
 
 use crate::experiment::Experiment;
 use crate::link::{Client, ClientError, Link, SimulatedLink, plant_failed};
-use crate::machine::{
-    Controller, GearMismatch, Mismatch, hang, line_to, plant_params, reference,
-};
+use crate::machine::{Controller, GearMismatch, Mismatch, hang, line_to, plant_params, reference};
 use crate::motion::{Model, Task};
 use crate::record::events::TruthTap;
 use crate::robot::Robot;

@@ -45,7 +45,7 @@ pub(crate) struct Contender {
 }
 
 /// The measured figures of a machine, in this order.
-pub const FIGURES: [(&str, &str, &str); 15] = [
+pub(crate) const FIGURES: [(&str, &str, &str); 15] = [
     ("rest: mean error", "N", "0.2"),
     ("rest: standard deviation", "N", ""),
     ("rest: drum's way in the last second", "um", ""),
@@ -215,7 +215,7 @@ impl Operator for Watcher {
 ///
 /// # Errors
 /// In words, with the winch's number.
-pub fn commissioned(
+pub(crate) fn commissioned(
     robot: &Robot,
     built: &Robot,
     seed: u64,

@@ -233,15 +233,10 @@ impl Plant {
         self.sensed(true, |cable| cables.contains(&cable))
     }
 
-    /// As [`Plant::read_sensors_again`], for a board that drives only these cables.
+    /// The present inputs, with the tension sensors' noise of the last reading: for a board that drives only these
+    /// cables and samples more often than it reads.
     pub fn read_sensors_again_of(&mut self, cables: &[usize]) -> Sensors {
         self.sensed(false, |cable| cables.contains(&cable))
-    }
-
-    /// The present inputs, with the tension sensors' noise of the last [`Plant::read_sensors`]: for
-    /// a board that samples more often than it reads.
-    pub fn read_sensors_again(&mut self) -> Sensors {
-        self.sensed(false, |_| true)
     }
 
     fn sensed(&mut self, fresh: bool, wanted: impl Fn(usize) -> bool) -> Sensors {

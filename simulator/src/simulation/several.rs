@@ -8,7 +8,9 @@
 use crate::board::{VirtualBoard, core};
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
-use crate::simulation::{LinkOptions, Port, Simulation};
+use crate::wire::LinkOptions;
+
+use super::{Port, Simulation};
 
 /// Step of a board's bus, µs of the board's time: one step of the plant.
 const STEP_US: u64 = 100;
