@@ -50,8 +50,8 @@ pub const BUILT_IN: &[(&str, &str)] = &[
         include_str!("../../../robots/paper-table5.toml"),
     ),
     (
-        "paper-ideal",
-        include_str!("../../../robots/paper-ideal.toml"),
+        "paper-geared",
+        include_str!("../../../robots/paper-geared.toml"),
     ),
     (
         "paper-table3",

@@ -266,9 +266,13 @@ impl<const N: usize> Controller<N> {
             let fault = cable.examine(config, pins, &around, &mut self.limits);
             // A slack cable under a closed brake stays slack until it is pulled: that is only a
             // warning.
-            // And a cable that may be broken unloads others.
-            let fault = fault.filter(|found| {
-                found.fault != FaultId::C1 || !(around.braked || (suspected && number != suspect))
+            // And a cable that may be broken unloads others, and loads others: those drums run away from its
+            // load, not by a reversed sign.
+            let consequence = suspected && number != suspect;
+            let fault = fault.filter(|found| match found.fault {
+                FaultId::C1 => !(around.braked || consequence),
+                FaultId::S4 => !consequence,
+                _ => true,
             });
             eased |= cable.watch.saturates();
             falls |= cable.watch.breaks_ticks() >= BREAK_TICKS;
