@@ -191,9 +191,11 @@ fn d7_a_drive_that_ignores_commands_stops_the_robot() {
 #[test]
 fn s5_a_cable_that_slips_on_its_drum_is_noticed() {
     let after = with_fault(0.8, |plant| plant.slip_cable(1, 0.02).unwrap());
-    // It unloads its cable first, which names it; lengths and tensions name no cable.
+    // It unloads its cable first, which names it; lengths and tensions name no cable. 20 mm stay slack through the
+    // stop: the board takes them for a break (C3). That the name is wrong is in docs/results/faults.md.
     let record = after.record;
-    let named = (record.fault, record.cable) == (FaultId::C1, 2) || record.fault == FaultId::S5;
+    let unloaded = matches!(record.fault, FaultId::C1 | FaultId::C3) && record.cable == 2;
+    let named = unloaded || record.fault == FaultId::S5;
     assert!(named, "{record:?}");
     assert!(after.detected_after() <= 250, "{}", after.detected_after());
     after.assert_safe();

@@ -171,12 +171,12 @@ impl DayPlant {
         for _ in 0..ROUNDS {
             self.balance(holds)?;
             let mut changed = 0.0_f64;
-            for i in 0..count {
+            for (i, start) in starts.iter().enumerate().take(count) {
                 let cable = &mut self.cables[i];
                 if cable.loss == 0.0 {
                     continue;
                 }
-                let state = cable.rubbed(starts[i], cable.paid_out(self.drums_m[i]));
+                let state = cable.rubbed(*start, cable.paid_out(self.drums_m[i]));
                 changed = changed.max((state - cable.friction_state).abs());
                 cable.friction_state = state;
             }
@@ -399,15 +399,17 @@ fn solve(mut a: [[f64; 6]; 6], mut b: [f64; 6]) -> Option<[f64; 6]> {
                 best = row;
             }
         }
-        if !(a[best][column].abs() > 1e-12) {
+        let pivot = a[best][column].abs();
+        if pivot.is_nan() || pivot <= 1e-12 {
             return None;
         }
         a.swap(best, column);
         b.swap(best, column);
         for row in column + 1..6 {
             let factor = a[row][column] / a[column][column];
-            for k in column..6 {
-                a[row][k] -= factor * a[column][k];
+            let above = a[column];
+            for (entry, over) in a[row].iter_mut().zip(above).skip(column) {
+                *entry -= factor * over;
             }
             b[row] -= factor * b[column];
         }

@@ -99,8 +99,8 @@ fn d1_d5_b1_b2_b3_and_l18_stop_the_robot_of_the_chip() {
 #[test]
 fn c1_c2_c3_c5_and_s5_stop_the_robot_of_the_chip() {
     stops(&[
-        // The name; the stop comes at once (below).
-        ("C3:1@0.9s", FaultId::C3, 1, 262, 0.2),
+        // The name, at the end of the stop at the latest; the stop comes at once (below).
+        ("C3:1@0.9s", FaultId::C3, 1, 320, 0.2),
         ("C5@0.9s", FaultId::C5, 0, 50, 5e-3),
     ]);
     let after = run_with(&["C3:1@0.9s"]);
