@@ -240,12 +240,12 @@ attachment_mm = [0, 0, 0]
         let wanted = "w.toml:1: winch module: `module` does not belong";
         assert!(said.contains(wanted), "{said}");
         // The numbers of one winch stay with it, too; two winches cannot have them.
-        let one = with("id = 7\nnode = 5\n", use_it).unwrap();
-        assert_eq!((one.winches[0].id, one.winches[0].node), (7, 5));
+        let one = with("id = 1\nnode = 5\n", use_it).unwrap();
+        assert_eq!((one.winches[0].id, one.winches[0].node), (1, 5));
         let twice = "[[winch]]\nmodule = \"modules/w.toml\"\n".repeat(2);
-        let said = with("id = 2\n", &twice).unwrap_err().to_string();
+        let said = with("id = 1\n", &twice).unwrap_err().to_string();
         assert!(
-            said.contains("`id` 2 is already the id of winch 1"),
+            said.contains("`id` 1 is already the id of winch 1"),
             "{said}"
         );
 
