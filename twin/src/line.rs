@@ -17,6 +17,9 @@ const CLOCKS: u64 = 0x636C_6F63_6B73;
 /// A board of a simulated robot that is not the control core in this process.
 pub type ExtraBoard = Box<dyn VirtualBoard + Send>;
 
+/// Makes the board of these cables of a plant, number n of its robot; `None` is the control core in this process.
+pub type MakeBoard<'a> = &'a dyn Fn(&[usize], u8) -> Result<Option<ExtraBoard>, PlantError>;
+
 /// A line to a [`Simulation`]. Waiting on it is what makes its time pass.
 ///
 /// Clones share the simulation, so that a caller can read the true state independently of a client.
@@ -96,7 +99,7 @@ impl SimulatedLink {
         plant: Plant,
         link: &LinkOptions,
         seed: u64,
-        board: &dyn Fn(&[usize], u8) -> Result<Option<ExtraBoard>, PlantError>,
+        board: MakeBoard<'_>,
     ) -> Result<Self, LinkError> {
         let times = times(robot.boards.len(), seed);
         Self::timed(robot, plant, link, seed, board, &times)
@@ -111,7 +114,7 @@ impl SimulatedLink {
         plant: Plant,
         link: &LinkOptions,
         seed: u64,
-        board: &dyn Fn(&[usize], u8) -> Result<Option<ExtraBoard>, PlantError>,
+        board: MakeBoard<'_>,
         times: &[BoardTime],
     ) -> Result<Self, LinkError> {
         if robot.boards.is_empty() {

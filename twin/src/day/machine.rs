@@ -95,6 +95,7 @@ impl Machine {
     ///
     /// # Errors
     /// Where it does not hang there.
+    #[expect(clippy::too_many_arguments, reason = "each is one choice of a study")]
     pub(super) fn new(
         robot: &Robot,
         mismatch: &Mismatch,

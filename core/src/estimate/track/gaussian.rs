@@ -189,7 +189,7 @@ pub(super) fn triangulate(rows: &mut [Vec<f64>], columns: usize) -> bool {
             .map(|r| r[column] * r[column])
             .sum();
         let length = square.sqrt();
-        if !(length > 1e-9) {
+        if length.is_nan() || length <= 1e-9 {
             return false;
         }
         let pivot = rows[column][column];

@@ -165,6 +165,9 @@ pub struct Tracker {
     pending: Vec<Pending>,
 }
 
+/// Slopes of the tool's three coordinates, and where the platform hangs.
+type Slopes = ([Vec<f64>; 3], (Hanging, Matrix3<f64>));
+
 impl Tracker {
     /// A tracker that starts from a robot as its file, or its calibration, describes it.
     #[must_use]
@@ -431,12 +434,7 @@ impl Tracker {
         }
     }
 
-    fn slopes(
-        &self,
-        commanded: &Measurements,
-        hauled: &[f64],
-        near: &Pose,
-    ) -> Option<([Vec<f64>; 3], (Hanging, Matrix3<f64>))> {
+    fn slopes(&self, commanded: &Measurements, hauled: &[f64], near: &Pose) -> Option<Slopes> {
         let rest = Rest {
             robot: &self.robot,
             sigmas: &self.prior.rows,

@@ -63,6 +63,9 @@ pub(super) struct Rest<'a> {
 /// Rows over their standard deviation: `[pose and tensions | residual | states]`.
 struct Rows(Vec<Vec<f64>>);
 
+/// Cable lengths less those measured, directions of the cables, and the balance of forces and moments.
+type Balance = (Vec<f64>, Vec<Vector3<f64>>, [f64; 6]);
+
 impl Rest<'_> {
     fn layout(&self) -> Layout {
         Layout {
@@ -98,12 +101,7 @@ impl Rest<'_> {
     }
 
     /// Lengths less those of the cables, and the balance, at one pose.
-    fn balance(
-        &self,
-        geometry: &AnyRobot,
-        x: &[f64],
-        hanging: &Hanging,
-    ) -> Option<(Vec<f64>, Vec<Vector3<f64>>, [f64; 6])> {
+    fn balance(&self, geometry: &AnyRobot, x: &[f64], hanging: &Hanging) -> Option<Balance> {
         let layout = self.layout();
         let paths = geometry.paths(&hanging.pose).ok()?;
         let at = |k: usize| x.get(k).copied().unwrap_or(0.0);
@@ -325,8 +323,8 @@ impl Rest<'_> {
         for corner in corners.iter().take(6) {
             let mut row = vec![0.0; width];
             let slopes = SVector::<f64, 6>::from_column_slice(&corner[..6]);
-            for k in 0..6 {
-                row[k] = slopes.dot(&by_pose.column(k));
+            for (entry, column) in row.iter_mut().zip(by_pose.column_iter()) {
+                *entry = slopes.dot(&column);
             }
             row[unknowns] = corner[6];
             if with_states {
