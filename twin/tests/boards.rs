@@ -36,11 +36,14 @@ fn robot_line(model: &Model, seed: u64, times: &[BoardTime]) -> SimulatedLink {
     SimulatedLink::timed(robot, plant, &line, seed, &in_process, times).unwrap()
 }
 
+/// Time, µs, and the states of both boards.
+type Seen = Vec<(u64, [BoardState; 2])>;
+
 /// A line that looks at the boards while its time passes, and disturbs the robot once.
 struct Watching<F> {
     inner: SimulatedLink,
     act: F,
-    seen: Rc<RefCell<Vec<(u64, [BoardState; 2])>>>,
+    seen: Rc<RefCell<Seen>>,
 }
 
 impl<F: FnMut(&mut Simulation, u64)> Link for Watching<F> {
@@ -78,7 +81,7 @@ fn run(
     model: &Model,
     handle: &Handle,
     act: impl FnMut(&mut Simulation, u64),
-) -> (Result<Plan, RunError>, Vec<(u64, [BoardState; 2])>) {
+) -> (Result<Plan, RunError>, Seen) {
     let seen = Rc::new(RefCell::new(Vec::new()));
     let line = Watching {
         inner: link.clone(),
