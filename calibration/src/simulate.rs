@@ -105,7 +105,7 @@ pub struct Setup {
     pub drawn: bool,
     /// Effects that the data's description does not mention.
     pub silent: Silent,
-    /// Errors as found on a real machine, see [`FOUND`]: the description mentions none of them.
+    /// Errors as found on a real machine, see `FOUND`: the description mentions none of them.
     pub found: bool,
     /// A cable that slips while the data are collected.
     pub slip: Option<SimulatedSlip>,
