@@ -94,7 +94,7 @@ pub struct Identified {
 /// Results of one contender on one machine.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ran {
-    /// As [`FIGURES`]; `None` where a fault ended the run.
+    /// As `FIGURES`; `None` where a fault ended the run.
     pub figures: Vec<Option<f64>>,
     /// Faults, each with the experiment that it ended.
     pub faults: Vec<String>,
