@@ -29,7 +29,6 @@ fn what_such_a_robot_cannot_do_is_refused_by_name_and_leaves_no_files() {
         "recover",
         "rig tension",
         "rig attach 1",
-        "tune tension",
         "experiment hold",
         "calibrate collect",
         "calibrate tension 1",

@@ -74,6 +74,24 @@ fn commissioning_finds_friction_and_play_of_a_geared_winch() {
     );
 }
 
+/// Without a load nothing holds the gear on one flank: the motor turns through the play before the drum answers.
+#[test]
+fn s2_a_bare_drum_behind_play_is_spooled() {
+    let folder = Folder::new("spool-geared");
+    let words = [
+        "rig",
+        "spool",
+        "2",
+        "-50",
+        "--yes",
+        "--robot",
+        "paper-geared",
+    ];
+    let output = run(&folder, &words);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+}
+
 #[test]
 fn a_winch_that_cannot_overcome_its_own_friction_is_refused() {
     let folder = Folder::new("weak-winch");

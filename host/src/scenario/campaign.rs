@@ -8,7 +8,7 @@ use crate::motion::{Model, Task};
 use crate::robot::Robot;
 use mcdpr_firmware::State;
 use mcdpr_protocol::FaultId;
-use mcdpr_simulator::TracePoint;
+use mcdpr_twin::faults::survey::re_energises;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -338,32 +338,6 @@ fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {
         }
     }
     verdict.violations = wrong;
-}
-
-/// Once a fault is latched and torque is off, torque must stay off and the fault must stay latched.
-fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
-    let mut was_off = false;
-    let mut latched = None;
-    for point in trace {
-        if latched.is_some() && latched != point.fault {
-            wrong.push(format!("the fault changed at tick {}", point.tick.0));
-            return;
-        }
-        latched = point.fault;
-        if latched.is_some() && was_off && point.torque_on {
-            wrong.push(format!("torque came back at tick {}", point.tick.0));
-            return;
-        }
-        was_off = latched.is_some() && !point.torque_on;
-        let calm = matches!(
-            point.state,
-            State::Boot | State::Disarmed | State::Fault | State::EStop
-        );
-        if calm && point.torque_on {
-            wrong.push(format!("torque in {:?}", point.state));
-            return;
-        }
-    }
 }
 
 fn ends_safely(after: &Aftermath, faults: &[FaultId], wrong: &mut Vec<String>) {

@@ -2,10 +2,9 @@
 
 use super::super::{How, Injection, Phase, Scenario, When, how};
 use mcdpr_core::motion::{Model, Task};
+use mcdpr_core::random::Random;
 use mcdpr_core::run::plan_from;
 use mcdpr_protocol::FaultId;
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// Phases of a robot's work in which faults are injected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,43 +79,17 @@ pub struct Drawn {
     pub stop_s: Option<f64>,
 }
 
-struct Draw(ChaCha8Rng);
-
-impl Draw {
-    fn new(seed: u64) -> Self {
-        Self(ChaCha8Rng::seed_from_u64(seed))
-    }
-
-    /// In 0 to 1, without 1.
-    fn unit(&mut self) -> f64 {
-        f64::from(self.0.next_u32()) / (f64::from(u32::MAX) + 1.0)
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small count"
-    )]
-    fn below(&mut self, count: usize) -> usize {
-        (self.unit() * count as f64) as usize
-    }
-}
-
 /// Rest at the end of a task, s.
 const REST_S: f64 = 0.6;
 
 /// Draws a run. `None` if no motion was found.
 pub(super) fn draw(model: &Model, seed: u64) -> Option<Drawn> {
-    let mut draw = Draw::new(seed ^ 0x7375_7276);
+    let mut draw = Random::new(seed ^ 0x7375_7276);
     let (task, line_s, all_s) = task(&mut draw, model)?;
     let moment = Moment::ALL.get(draw.below(Moment::ALL.len())).copied();
     let moment = moment.unwrap_or(Moment::Moving);
     let stop_s = (moment == Moment::Stopping).then(|| draw.between(0.2, 0.8) * (all_s - REST_S));
-    let at = |draw: &mut Draw| match moment {
+    let at = |draw: &mut Random| match moment {
         Moment::Off => When::Start,
         Moment::Arming => When::After(Phase::Arming, draw.between(0.0, 0.9)),
         Moment::Stirring => When::After(Phase::Stirring, draw.between(0.0, 0.8)),
@@ -171,7 +144,7 @@ fn rows(model: &Model) -> Vec<FaultId> {
 
 /// A line from home, a curve back to it, and a rest; with the durations of the line and of all. The
 /// first of some draws that the robot can do.
-fn task(draw: &mut Draw, model: &Model) -> Option<(Task, f64, f64)> {
+fn task(draw: &mut Random, model: &Model) -> Option<(Task, f64, f64)> {
     let home = model.robot().tool.home_in_world_m * 1e3;
     // A robot in a plane moves in its plane only.
     let masks = [

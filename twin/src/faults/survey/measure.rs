@@ -31,9 +31,11 @@ impl Limits {
 /// A cable is slack below this, N: physically, not below its least permitted tension.
 const SLACK_N: f64 = 0.1;
 
-/// Once a fault is latched and torque is off, torque must stay off and the fault must stay.
-pub(super) fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
-    let (mut was_off, mut latched) = (false, None);
+/// Once a fault is latched and torque is off, torque must stay off and the fault must stay latched; and states
+/// without torque have none. What is violated is appended to `wrong`.
+pub fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
+    let mut was_off = false;
+    let mut latched = None;
     for point in trace {
         if latched.is_some() && latched != point.fault {
             wrong.push(format!("the fault changed at tick {}", point.tick.0));
@@ -45,6 +47,14 @@ pub(super) fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
             return;
         }
         was_off = latched.is_some() && !point.torque_on;
+        let calm = matches!(
+            point.state,
+            State::Boot | State::Disarmed | State::Fault | State::EStop
+        );
+        if calm && point.torque_on {
+            wrong.push(format!("torque in {:?}", point.state));
+            return;
+        }
     }
 }
 

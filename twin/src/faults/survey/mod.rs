@@ -9,6 +9,8 @@ mod draw;
 mod measure;
 mod names;
 
+pub use measure::re_energises;
+
 pub use draw::{Drawn, Moment};
 pub use names::{RightName, silent};
 
@@ -226,7 +228,7 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
     outcome.slack_ms = measure::slack(after, &limits, &without);
     outcome.named = names::judge(model, injections, outcome.latched.as_ref());
     let mut wrong = Vec::new();
-    measure::re_energises(&seen.trace, &mut wrong);
+    re_energises(&seen.trace, &mut wrong);
     let faults: Vec<_> = injections.iter().map(|injection| injection.fault).collect();
     if !measure::is_safe(&seen.trace, &limits, &faults) {
         let end = seen.trace.last().map(|point| point.state);
