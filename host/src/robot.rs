@@ -243,7 +243,7 @@ attachment_mm = [0, 0, 0]
         let one = with("id = 1\nnode = 5\n", use_it).unwrap();
         assert_eq!((one.winches[0].id, one.winches[0].node), (1, 5));
         let twice = "[[winch]]\nmodule = \"modules/w.toml\"\n".repeat(2);
-        let twice = format!("{twice}[[winch]]\nid = 2\n");
+        let twice = format!("{twice}node = 9\n[[winch]]\nid = 2\n");
         let said = with("id = 1\n", &twice).unwrap_err().to_string();
         assert!(
             said.contains("`id` 1 is already the id of winch 1"),
