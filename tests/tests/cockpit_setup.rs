@@ -382,6 +382,17 @@ fn picking_is_started_seen_and_stopped_from_the_page() {
         count.contains("1 picked") && count.contains("as many attempts"),
         "{count}"
     );
+    // What it weighed is shown: in newtons and in grams.
+    let weighed = page.text("pick-attempts");
+    let weight_n = page.number("mcdpr.pick.now.attempts[0].weight_n");
+    assert!(weight_n > 0.05, "{weight_n} N");
+    assert_eq!(
+        weighed,
+        format!(
+            "delivered, weighed {weight_n:.2} N ({:.0} g)",
+            weight_n / 9.80665 * 1e3
+        )
+    );
     wait(&mut guest, &is("pick", "done"));
     // The second time it is stopped while it moves, by the key.
     wait(

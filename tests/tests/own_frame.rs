@@ -351,7 +351,7 @@ fn a_plan_lists_every_limit_and_is_drawn() {
         "greatest tension, cable 4, N",
         "speed, cable 2, mm/s",
         "motor current, cable 3, A",
-        "length off the drum, cable 4, mm",
+        "length off drum, cable 4, mm",
         "distance between cables, mm",
     ];
     for row in rows {

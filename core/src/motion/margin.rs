@@ -59,7 +59,7 @@ impl fmt::Display for Quantity {
             Self::GreatestTension(cable) => write!(f, "greatest tension, cable {}", cable + 1),
             Self::Speed(cable) => write!(f, "speed, cable {}", cable + 1),
             Self::Current(cable) => write!(f, "motor current, cable {}", cable + 1),
-            Self::DrumLength(cable) => write!(f, "length off the drum, cable {}", cable + 1),
+            Self::DrumLength(cable) => write!(f, "length off drum, cable {}", cable + 1),
             Self::CableDistance => f.write_str("distance between cables"),
         }
     }

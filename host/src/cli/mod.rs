@@ -6,7 +6,7 @@
 /// Prints a line of a result to standard output; see [`write_out`].
 macro_rules! say {
     ($($what:tt)*) => {
-        $crate::cli::write_out(&format!("{}\n", format_args!($($what)*)))
+        $crate::cli::say_out(&format!("{}\n", format_args!($($what)*)))
     };
 }
 
@@ -78,7 +78,7 @@ use std::process::ExitCode;
 
 /// Control of a modular cable-driven parallel robot: simulate it, plan, run.
 #[derive(Debug, Parser)]
-#[command(name = "mcdpr", version, about, max_term_width = 100)]
+#[command(name = "mcdpr", version, about, max_term_width = 80)]
 struct Cli {
     #[command(flatten)]
     common: Common,
@@ -513,8 +513,20 @@ fn take_file_size_limit_as_an_error() {
 /// If the value cannot be written as JSON.
 pub(crate) fn print_json(value: &impl serde::Serialize) -> Outcome {
     let text = serde_json::to_string(value).map_err(Failed::from_error("the result"))?;
-    say!("{text}");
+    write_out(&(text + "\n"));
     Ok(())
+}
+
+/// Writes words to standard output; on a terminal its width breaks them between words. Where a program reads, a line
+/// stays one line.
+pub(crate) fn say_out(text: &str) {
+    match terminal_size::terminal_size_of(std::io::stdout()) {
+        // A terminal may say that it has no columns.
+        Some((terminal_size::Width(columns), _)) if columns >= 20 => {
+            write_out(&table::wrap(text, columns.into()));
+        }
+        _ => write_out(text),
+    }
 }
 
 /// Writes a result to standard output. A closed reader (a pager, `head`) is not an error.

@@ -1,6 +1,5 @@
-//! `mcdpr states`: the board's supervisor as a table.
+//! `mcdpr states`: the board's supervisor, state by state.
 
-use super::table::lay_out;
 use super::{Common, Outcome, print_json};
 use mcdpr_firmware::supervisor::{Cell, Event, STATES, TABLE};
 use serde_json::{Map, Value};
@@ -14,21 +13,16 @@ impl Cmd {
         if common.json {
             return print_json(&as_json());
         }
-        let mut rows = vec![
-            std::iter::once("event".to_owned())
-                .chain(STATES.iter().map(|state| format!("{state:?}")))
-                .collect::<Vec<_>>(),
-        ];
-        for (column, event) in Event::ALL.iter().enumerate() {
-            let cells = TABLE
-                .iter()
-                .map(|row| row.get(column).map_or(String::new(), word));
-            rows.push(std::iter::once(format!("{event:?}")).chain(cells).collect());
+        for (state, row) in STATES.iter().zip(TABLE.iter()) {
+            say!("{state:?}");
+            for (event, cell) in Event::ALL.iter().zip(row) {
+                if *cell != Cell::No {
+                    say!("   {:<16} {}", format!("{event:?}"), word(cell));
+                }
+            }
         }
-        super::write_out(&lay_out(&rows));
         say!(
-            "\n.: refused or without meaning   stay: accepted, same state   \
-             settle: Fault if one is latched, else Disarmed"
+            "\nstay: accepted, same state; settle: Fault if one is latched, else Disarmed; an event that is not listed is refused or has no meaning in that state"
         );
         Ok(())
     }

@@ -100,8 +100,18 @@ pub(crate) enum News {
     Chosen(Chosen),
     /// A chosen grasp was given up on the way there.
     Refused(Refusal),
+    /// What the jaws lifted was weighed.
+    Weighed {
+        /// Weight by the difference of tensions, N.
+        weight_n: f64,
+    },
     /// An attempt has ended.
-    Attempt(Outcome),
+    Attempt {
+        /// How.
+        outcome: Outcome,
+        /// Weight of what was lifted, N; `None` if nothing was lifted.
+        weight_n: Option<f64>,
+    },
     /// Picking has ended.
     End(End),
 }

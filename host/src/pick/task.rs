@@ -185,7 +185,10 @@ impl<'a, L: Link> Picker<'a, L> {
             } else {
                 failed.push(choice.tool_m);
             }
-            self.tell(&News::Attempt(attempt.outcome));
+            self.tell(&News::Attempt {
+                outcome: attempt.outcome,
+                weight_n: attempt.lifted_n,
+            });
             attempts.push(attempt);
         };
         let returned_m = match self.options.return_m {
@@ -379,6 +382,7 @@ impl<'a, L: Link> Picker<'a, L> {
             let now_n = self.arm.mean_tensions_n()?;
             let weight_n = self.arm.lift_n(&before_n, &now_n)?;
             lifted_n = Some(weight_n);
+            self.tell(&News::Weighed { weight_n });
             // A switch detects when the jaws meet, also on the way up; without one the weight does.
             let slipped = has_switch && self.arm.grip(true)?;
             if slipped {

@@ -10,6 +10,11 @@ use std::f64::consts::TAU;
 
 /// Drum counts by which a resting drum in its closed brake may yield under load.
 const BRAKE_GIVES: i64 = 4;
+/// Drum counts by which a drum in its closed brake may turn under load and still be at rest: noise of its last count,
+/// and the stretch of gear and brake.
+const BRAKE_RESTS: i64 = 2;
+/// Time of rest under load that shows that a brake holds, us.
+const REST_US: u64 = 300_000;
 /// Greatest turn of a drum in a brake that holds, degrees: a robot file accepts no more either.
 pub(super) const MOST_BRAKE_PLAY_DEG: f64 = 2.0;
 /// Time that the drive pushes against the closed brake, ms.
@@ -261,7 +266,14 @@ impl<L: Link> Bench<'_, L> {
         let per_turn = f64::from(self.described().encoder_counts_per_turn);
         let most = BRAKE_GIVES as f64 + per_turn * MOST_BRAKE_PLAY_DEG / 360.0;
         let give_up = self.client.now_us() + most_ms * 1000;
+        let number = self.index + 1;
+        let slips = |counted: i64, current_a: f64| ServiceError::BrakeSlips {
+            winch: number,
+            counted,
+            current_a,
+        };
         let (mut held_from, mut most_a) = (None::<(u64, i64)>, 0.0_f64);
+        let mut counted = 0;
         while self.client.now_us() < give_up {
             self.pause(20)?;
             if let Some(record) = crate::run::status(self.client)?.fault {
@@ -270,24 +282,26 @@ impl<L: Link> Bench<'_, L> {
             let winch = self.look()?;
             let current_a = f64::from(winch.current_ma).abs() * 1e-3;
             most_a = most_a.max(current_a);
-            let counted = i64::from(winch.drum_counts) - i64::from(before);
-            // Through its play a drum turns at once; a drum that continues to turn slips.
-            let crept = held_from.map_or(0, |(_, from)| counted - from);
-            if counted.abs() as f64 > most || crept.abs() > BRAKE_GIVES {
-                return Err(ServiceError::BrakeSlips {
-                    winch: self.index + 1,
-                    counted,
-                    current_a,
-                });
+            counted = i64::from(winch.drum_counts) - i64::from(before);
+            // The push takes up the play of gear and brake first, and the rotor arrives with a knock. A drum that
+            // continues to turn after that slips.
+            if counted.abs() as f64 > most {
+                return Err(slips(counted, current_a));
             }
-            if current_a > 0.5 * asked_a {
-                let now_us = self.client.now_us();
-                let (since, _) = *held_from.get_or_insert((now_us, counted));
-                // 300 ms of it: a current that has just begun does not show that the brake holds.
-                if now_us - since > 300_000 {
+            let now_us = self.client.now_us();
+            if current_a <= 0.5 * asked_a {
+                held_from = None;
+            } else {
+                let rested = held_from.filter(|(_, from)| (counted - from).abs() <= BRAKE_RESTS);
+                let (since, _) = *held_from.insert(rested.unwrap_or((now_us, counted)));
+                // A current that has just begun, and a drum that has just stopped, do not show that the brake holds.
+                if now_us - since > REST_US {
                     return Ok((most_a, i64::from(winch.drum_counts)));
                 }
             }
+        }
+        if most_a > 0.5 * asked_a {
+            return Err(slips(counted, most_a));
         }
         Err(ServiceError::NoCurrent {
             winch: self.index + 1,

@@ -171,6 +171,12 @@ pub struct Page {
 
 impl Page {
     fn call(&mut self, method: &str, params: Value) -> Value {
+        self.ask(method, params)
+            .unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    /// The answer of the browser, or its error.
+    fn ask(&mut self, method: &str, params: Value) -> Result<Value, Value> {
         self.next += 1;
         let mut message = json!({ "id": self.next, "method": method, "params": params });
         if let Some(session) = &self.session {
@@ -185,21 +191,28 @@ impl Page {
             };
             let mut answer: Value = serde_json::from_str(text.as_str()).unwrap();
             if answer["id"] == self.next {
-                assert!(answer["error"].is_null(), "{method}: {}", answer["error"]);
-                return answer["result"].take();
+                return match answer["error"].take() {
+                    Value::Null => Ok(answer["result"].take()),
+                    error => Err(error),
+                };
             }
         }
     }
 
     /// Evaluates an expression of JavaScript.
     pub fn run(&mut self, expression: &str) -> Value {
+        self.evaluate(expression)
+            .unwrap_or_else(|error| panic!("{expression}: {error}"))
+    }
+
+    fn evaluate(&mut self, expression: &str) -> Result<Value, Value> {
         let params = json!({ "expression": expression, "returnByValue": true });
-        let mut result = self.call("Runtime.evaluate", params);
+        let mut result = self.ask("Runtime.evaluate", params)?;
         assert!(
             result["exceptionDetails"].is_null(),
             "{expression}: {result}"
         );
-        result["result"]["value"].take()
+        Ok(result["result"]["value"].take())
     }
 
     /// Chooses a file in an input for files.
@@ -224,11 +237,12 @@ impl Page {
         value.as_str().unwrap().to_owned()
     }
 
-    /// Waits until an expression is true.
+    /// Waits until an expression is true. While a page is loaded again the browser may have no page to ask: it
+    /// answers with an error then, which counts as not true yet.
     pub fn wait(&mut self, expression: &str, patience: Duration) {
         let give_up = Instant::now() + patience;
         let guarded = format!("typeof mcdpr !== 'undefined' && !!({expression})");
-        while self.run(&guarded) != json!(true) {
+        while self.evaluate(&guarded) != Ok(json!(true)) {
             if Instant::now() > give_up {
                 let knows = self.run(
                     "JSON.stringify(window.mcdpr && { live: mcdpr.live, may: mcdpr.may, answers: mcdpr.answers, \

@@ -35,6 +35,11 @@ const Pick = (() => {
       if (id === m.phase) item.setAttribute('aria-current', 'step');
       return item;
     }));
+    // 9.80665 m/s2 turns the weight of an object into its mass.
+    const weight = n => `${n.toFixed(2)} N (${(n / 9.80665 * 1e3).toFixed(0)} g)`;
+    text('pick-weight', Number.isFinite(m.weight_n) ? `Lifted: ${weight(m.weight_n)}` : '');
+    $('pick-attempts').replaceChildren(...(m.attempts || []).map(a =>
+      Object.assign(document.createElement('li'), { textContent: a.outcome + (Number.isFinite(a.weight_n) ? `, weighed ${weight(a.weight_n)}` : ', nothing lifted') })));
     text('pick-count', `${m.picked} picked, ${m.failed} failed` + (m.end ? `; ${m.end}` : ''));
     const mm = v => (v * 1e3).toFixed(1), c = m.chosen;
     text('pick-chosen', c ? `Grasp at ${c.tool_m.map(mm).join(', ')} mm, ${mm(c.width_m)} mm wide, tool tilted by ${(c.tilt_rad * 180 / Math.PI).toFixed(1)}\u00b0, rank ${c.rank.toFixed(2)}`

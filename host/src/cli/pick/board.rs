@@ -20,6 +20,7 @@ impl Board {
             feed: feed.clone(),
             shown: RefCell::new(json!({
                 "type": "pick", "phase": "preparing", "phases": [], "picked": 0, "failed": 0, "refused": [], "objects": [],
+                "attempts": [],
             })),
         }
     }
@@ -63,7 +64,11 @@ fn add(shown: &mut Value, news: &News) {
             shown["chosen"] = Value::Null;
             shown["refused"] = json!(refused.iter().take(MOST).collect::<Vec<_>>());
         }
-        News::Chosen(chosen) => shown["chosen"] = json!(chosen),
+        News::Chosen(chosen) => {
+            shown["chosen"] = json!(chosen);
+            shown["weight_n"] = Value::Null;
+        }
+        News::Weighed { weight_n } => shown["weight_n"] = json!(weight_n),
         News::Refused(refusal) => {
             if let Some(all) = shown["refused"].as_array_mut()
                 && all.len() < MOST
@@ -71,8 +76,11 @@ fn add(shown: &mut Value, news: &News) {
                 all.push(json!(refusal));
             }
         }
-        News::Attempt(outcome) => {
+        News::Attempt { outcome, weight_n } => {
             shown["outcome"] = json!(outcome);
+            if let Some(all) = shown["attempts"].as_array_mut() {
+                all.push(json!({ "outcome": outcome, "weight_n": weight_n }));
+            }
             let count = if *outcome == Outcome::Delivered {
                 "picked"
             } else {
@@ -108,14 +116,23 @@ mod tests {
             refused: vec![refusal.clone(); 80],
         });
         board.take(&News::Refused(refusal));
-        board.take(&News::Attempt(Outcome::Delivered));
-        board.take(&News::Attempt(Outcome::Missed));
-        board.take(&News::Attempt(Outcome::Lost));
+        board.take(&News::Weighed { weight_n: 0.5 });
+        assert_eq!(board.shown.borrow()["weight_n"], 0.5);
+        let ended = |outcome, weight_n| board.take(&News::Attempt { outcome, weight_n });
+        ended(Outcome::Delivered, Some(0.5));
+        ended(Outcome::Missed, None);
+        ended(Outcome::Lost, Some(0.1));
         let shown = board.shown.borrow().clone();
         assert_eq!(shown["phase"], "looking_again");
         assert_eq!(shown["phases"], json!(["looking_again"]));
         assert_eq!(shown["refused"].as_array().unwrap().len(), MOST);
         assert_eq!(shown["refused"][0]["reason"], "out of reach");
+        let attempts = json!([
+            { "outcome": "delivered", "weight_n": 0.5 },
+            { "outcome": "missed", "weight_n": null },
+            { "outcome": "lost", "weight_n": 0.1 },
+        ]);
+        assert_eq!(shown["attempts"], attempts);
         assert_eq!((&shown["picked"], &shown["failed"]), (&json!(1), &json!(2)));
         board.take(&News::End(End::Empty));
         assert_eq!(board.shown.borrow()["end"], "the tray is empty");
