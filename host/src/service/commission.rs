@@ -310,19 +310,23 @@ impl<L: Link> Bench<'_, L> {
         })
     }
 
-    /// Turns a sixteenth of a turn and back: motor counts, drum counts, and whether that paid out.
+    /// Turns an eighth of a turn and back: motor and drum counts of its second half, and whether that paid out.
     fn turn_and_ask(
         &mut self,
         operator: &mut impl Operator,
     ) -> Result<(i64, i64, bool), ServiceError> {
         let way = TAU / 16.0;
-        let start = self.at_rest()?;
+        // The first turn takes up the play: a play of 2 degrees would be 9 % of it.
+        let first = self.at_rest()?;
         self.turn(0.0, way)?;
+        let start = self.at_rest()?;
+        check(self, first, start, way)?;
+        self.turn(way, 2.0 * way)?;
         let end = self.at_rest()?;
         check(self, start, end, way)?;
         // The answer may take time: the board's heartbeat comes from this loop, so the drum is
         // braked before the user is asked.
-        self.turn(way, 0.0)?;
+        self.turn(2.0 * way, 0.0)?;
         let back = self.at_rest()?;
         check(self, end, back, way)?;
         self.turn(0.0, way)?;

@@ -298,14 +298,18 @@ impl<'a, L: Link> Bench<'a, L> {
     fn configuration(&self, purpose: Purpose) -> Result<Vec<ConfigEntry>, OutOfRange> {
         let winch = self.described();
         let rad_per_s = winch.max_motor_rpm / winch.gear_ratio * std::f64::consts::TAU / 60.0;
+        // The board's own proof of a brake is within the current of service.
+        let force_per_a = LEAST_PUSH_N / (PROOF_SHARE * self.current_a());
         let mut entries = machine::configuration(self.robot)?;
         let changed = |key: CableKey| {
             let value = match key {
                 CableKey::Control => f64::from(u8::from(purpose != Purpose::Turn)),
                 CableKey::DrumRadius => RADIUS_UM * 10.0,
                 CableKey::MaxCurrentMa => self.current_a() * 1e3,
-                CableKey::ForcePerCurrent if purpose == Purpose::PressOut => -1e3,
-                CableKey::ForcePerCurrent => 1e3,
+                CableKey::ForcePerCurrent if purpose == Purpose::PressOut => -force_per_a * 1e3,
+                CableKey::ForcePerCurrent => force_per_a * 1e3,
+                // It is unknown, and no newton of a bare drum is one.
+                CableKey::Friction => 0.0,
                 CableKey::TensionZeroUv => self.zero_v * 1e6,
                 CableKey::TensionMax => winch.tension_max_n * 1e3,
                 CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
@@ -389,7 +393,7 @@ impl<'a, L: Link> Bench<'a, L> {
 
     fn disable(&mut self) -> Result<(), ServiceError> {
         self.client.request(Request::Disarm)?;
-        Ok(wait_for(self.client, BoardState::Disarmed, 3.0)?)
+        Ok(wait_for(self.client, BoardState::Disarmed, DISABLE_S)?)
     }
 
     fn look(&mut self) -> Result<Winch, ServiceError> {
@@ -492,6 +496,13 @@ impl<'a, L: Link> Bench<'a, L> {
     }
 }
 
+/// Least push of the board's proof of a brake without a load, N (`firmware/src/proof.rs`).
+const LEAST_PUSH_N: f64 = 1.125;
+/// Share of the current of service that this push shall be.
+const PROOF_SHARE: f64 = 0.5;
+/// Time in which a board has proved its brakes and switched torque off, s: stop, closing time and proof take 2.5 s with
+/// the play of every gear, and each of ten retries of a brake that slips as much as its waiting time more.
+const DISABLE_S: f64 = 6.0;
 /// Time for drives that were just reset to answer again, µs.
 const RESET_US: u64 = 700_000;
 /// Time for a board to ask every number on the bus, µs.

@@ -1,5 +1,5 @@
 //! Friction of a bare winch, and the play between its motor and its drum: the drum is turned back
-//! and forth at two speeds, and motor current, motor counts and drum counts are compared on the
+//! and forth at three speeds, and motor current, motor counts and drum counts are compared on the
 //! middle of each turn, where the speed is nearly constant.
 //!
 //! Half the difference of the currents of both directions is friction; its increase with the speed
@@ -21,10 +21,23 @@ pub struct Rubbing {
     /// Why friction is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction_unknown: Option<String>,
+    /// The motor's torque in steady turns, the fastest first.
+    pub turns: Vec<Steady>,
     /// Play, as a turn of the drum, degrees.
     pub play_deg: f64,
     /// Its standard error, degrees.
     pub play_se_deg: f64,
+}
+
+/// Torque of a motor in steady turns of its bare drum.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Steady {
+    /// Speed of the motor, rpm.
+    pub rpm: f64,
+    /// Half of the difference between both directions, N m.
+    pub torque_nm: f64,
+    /// Its standard error, N m.
+    pub torque_se_nm: f64,
 }
 
 /// Friction of a bare winch.
@@ -69,10 +82,9 @@ impl Rubbing {
 
 /// Ways to and fro at each speed.
 const PAIRS: usize = 3;
-/// Turn of the drum of one way, rad.
-const WAY_RAD: f64 = TAU / 4.0;
-/// Speeds, as shares of that of service.
-const SPEEDS: [f64; 2] = [0.5, 0.17];
+/// Turn of the drum of one way, rad, and its speed as a share of that of service. The slow way is short, which takes
+/// as long.
+const WAYS: [(f64, f64); 3] = [(TAU / 4.0, 0.5), (TAU / 4.0, 0.17), (TAU / 12.0, 0.06)];
 /// Speeding up and slowing down each take this share of the time of a way.
 const RAMP: f64 = 0.3;
 /// Readings begin at this share of the time: until then the drive's loops have settled.
@@ -81,10 +93,6 @@ const SETTLED: f64 = 0.42;
 const LOOK_MS: u64 = 10;
 /// Greatest relative standard error of the friction: beyond it the data contradict the model.
 const MOST_ERROR: f64 = 0.2;
-/// Least share of the friction in the current of the faster turns. A drive samples its current in
-/// step with its set-points, whose ripple grows with the speed: if that is most of the current, the
-/// value extrapolated to zero speed is meaningless.
-const LEAST_SHARE: f64 = 0.5;
 /// A drive that reports less current than this, A, while its motor turns, does not measure it.
 const NO_CURRENT_A: f64 = 1e-3;
 
@@ -102,18 +110,26 @@ impl<L: Link> Bench<'_, L> {
     /// whether motor and drum encoder count in the same direction.
     pub(super) fn rubbing(&mut self, at_rad: f64, same_way: bool) -> Result<Rubbing, ServiceError> {
         // The first turn takes up the play, in either direction.
-        self.turn(at_rad, at_rad + WAY_RAD)?;
+        let [(first_rad, _), ..] = WAYS;
+        self.turn(at_rad, at_rad + first_rad)?;
+        let mut now_rad = first_rad;
         let mut speeds = Vec::new();
-        for share in SPEEDS {
+        for (way_rad, share) in WAYS {
+            if way_rad < now_rad {
+                // To the end of the shorter way, in the direction in which it is travelled last.
+                self.turn(at_rad + now_rad, at_rad)?;
+                self.turn(at_rad, at_rad + way_rad)?;
+            }
+            now_rad = way_rad;
             let mut pairs = Vec::new();
             for _ in 0..PAIRS {
-                let back = self.way(at_rad + WAY_RAD, at_rad, share, same_way)?;
-                let out = self.way(at_rad, at_rad + WAY_RAD, share, same_way)?;
+                let back = self.way(at_rad + way_rad, at_rad, share, same_way)?;
+                let out = self.way(at_rad, at_rad + way_rad, share, same_way)?;
                 pairs.push((out, back));
             }
             speeds.push(pairs);
         }
-        self.turn(at_rad + WAY_RAD, at_rad)?;
+        self.turn(at_rad + now_rad, at_rad)?;
         self.judge_rubbing(&speeds)
     }
 
@@ -203,14 +219,23 @@ impl<L: Link> Bench<'_, L> {
         let rpm = |(out, back): &(Pass, Pass)| 0.5 * (out.rpm + back.rpm);
         let pairs = |speed: usize| speeds.get(speed).map_or(&[][..], Vec::as_slice).iter();
         let rpms = [0, 1].map(|speed| mean(pairs(speed).map(rpm)).0);
-        let nms = [0, 1].map(|speed| mean(pairs(speed).map(rubs)));
+        let turns: Vec<Steady> = (0..speeds.len())
+            .map(|speed| {
+                let (torque_nm, torque_se_nm) = mean(pairs(speed).map(rubs));
+                Steady {
+                    rpm: mean(pairs(speed).map(rpm)).0,
+                    torque_nm,
+                    torque_se_nm,
+                }
+            })
+            .collect();
         let gaps = [0, 1].map(|speed| mean(pairs(speed).map(gap)));
         let most_a = speeds
             .iter()
             .flatten()
             .map(|(out, back)| out.current_a.abs().max(back.current_a.abs()))
             .fold(0.0, f64::max);
-        let (viscous, friction_nm, friction_se_nm) = at_no_speed(rpms, nms);
+        let (viscous, friction_nm, friction_se_nm) = dry(&turns);
         if most_a < NO_CURRENT_A {
             return Err(ServiceError::Rubs {
                 winch: self.index + 1,
@@ -218,8 +243,7 @@ impl<L: Link> Bench<'_, L> {
                 error_mnm: friction_se_nm * 1e3,
             });
         }
-        let known =
-            friction_nm >= LEAST_SHARE * nms[0].0 && friction_se_nm <= MOST_ERROR * friction_nm;
+        let known = friction_nm > 0.0 && friction_se_nm <= MOST_ERROR * friction_nm;
         let friction = known.then(|| Friction {
             friction_nm,
             friction_se_nm,
@@ -227,23 +251,43 @@ impl<L: Link> Bench<'_, L> {
             friction_n: friction_nm * winch.gear_ratio / winch.drum_radius_m,
         });
         let friction_unknown = (!known).then(|| {
-            format!(
-                "the motor takes {:.2} mN m at {:.0} rpm and {:.2} at {:.0}: most of it is not dry friction",
-                nms[0].0 * 1e3,
-                rpms[0],
-                nms[1].0 * 1e3,
-                rpms[1]
-            )
+            let taken = turns.iter();
+            let taken = taken.map(|t| format!("{:.3} mN m at {:.0} rpm", t.torque_nm * 1e3, t.rpm));
+            let taken = taken.collect::<Vec<_>>().join(", ");
+            format!("the motor takes {taken}: these do not show its dry friction")
         });
         // Motor and drum are read at different times: the gap of that grows with the speed.
         let (_, play_deg, play_se_deg) = at_no_speed(rpms, gaps);
         Ok(Rubbing {
             friction,
             friction_unknown,
+            turns,
             play_deg: play_deg.max(0.0),
             play_se_deg,
         })
     }
+}
+
+/// Viscous friction (N m per rpm, not negative), dry friction (N m) and the standard error of the latter: the straight
+/// line through the torques over speed, weighted by 1/speed^2. What disturbs a torque is mostly the ripple of the
+/// set-points in the sampled current, which grows with the speed.
+fn dry(turns: &[Steady]) -> (f64, f64, f64) {
+    let weight = |turn: &Steady| turn.rpm.max(1.0).powi(-2);
+    let sum =
+        |value: &dyn Fn(&Steady) -> f64| turns.iter().map(|t| weight(t) * value(t)).sum::<f64>();
+    let (one, rpm, rpm2) = (sum(&|_| 1.0), sum(&|t| t.rpm), sum(&|t| t.rpm * t.rpm));
+    let (nm, rpm_nm) = (sum(&|t| t.torque_nm), sum(&|t| t.rpm * t.torque_nm));
+    let determinant = one * rpm2 - rpm * rpm;
+    if determinant <= 0.0 {
+        return (0.0, 0.0, f64::INFINITY);
+    }
+    let slope = ((one * rpm_nm - rpm * nm) / determinant).max(0.0);
+    let dry_nm = (nm - slope * rpm) / one;
+    let residual = sum(&|t| (t.torque_nm - dry_nm - slope * t.rpm).powi(2));
+    let freedom = turns.len().saturating_sub(2).max(1) as f64;
+    let by_residual = (residual / freedom * rpm2 / determinant).sqrt();
+    let by_spread = sum(&|t| weight(t) * t.torque_se_nm.powi(2)).sqrt() / one;
+    (slope, dry_nm, by_residual.hypot(by_spread))
 }
 
 /// The straight line through the results at two speeds (mean and standard error), extrapolated to
