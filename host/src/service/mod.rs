@@ -24,9 +24,9 @@ use mcdpr_protocol::{
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// In service a drum's radius is set to 1 mm, so that a "length" of 1 mm is one radian, and every
-/// limit of length allows hundreds of turns.
-const RADIUS_UM: f64 = 1000.0;
+/// In service a drum's radius is set to 10 mm, so that a "length" of 10 mm is one radian: every limit of length allows
+/// thirty turns, and a set-point's 0.1 um is a fine step for a motor behind a gear.
+const RADIUS_UM: f64 = 10_000.0;
 /// Share of the motor's largest speed that service uses. Accelerations grow with its square, and
 /// must be far from what [`CURRENT_SHARE`] allows: a geared rotor is heavy (34 kg at the paper's
 /// cable), and at half the speed the drive of most simulated machines saturated (D4).
@@ -472,7 +472,7 @@ impl<'a, L: Link> Bench<'a, L> {
         self.client.request(Request::Discard)?;
         for number in 0..=KNOTS {
             let (done, slope) = profile(f64::from(number) / f64::from(KNOTS));
-            // In 0.1 um on a drum of 1 mm: a radian is 10 000.
+            // In 0.1 um on a drum of 10 mm: a radian is 100 000.
             let at = (from_rad + way_rad * done) * RADIUS_UM * 10.0;
             let speed = way_rad * slope / time_s * RADIUS_UM;
             #[expect(clippy::cast_possible_truncation, reason = "checked by the board")]

@@ -1,5 +1,5 @@
 //! Friction of a bare winch, and the play between its motor and its drum: the drum is turned back
-//! and forth at three speeds, and motor current, motor counts and drum counts are compared on the
+//! and forth at five speeds, and motor current, motor counts and drum counts are compared on the
 //! middle of each turn, where the speed is nearly constant.
 //!
 //! Half the difference of the currents of both directions is friction; its increase with the speed
@@ -74,23 +74,36 @@ impl Rubbing {
             };
             gear.rotor_friction_nm = at_motor_nm * share;
             gear.gear_friction_nm = at_motor_nm * (1.0 - share);
-            gear.viscous_nm_per_rpm = found.viscous_nm_per_rpm;
+            // The sampling of the current hides a small slope.
+            if found.viscous_nm_per_rpm > 0.0 {
+                gear.viscous_nm_per_rpm = found.viscous_nm_per_rpm;
+            }
         }
         gear.play_rad = self.play_deg.to_radians();
     }
 }
 
 /// Ways to and fro at each speed.
-const PAIRS: usize = 3;
-/// Turn of the drum of one way, rad, and its speed as a share of that of service. The slow way is short, which takes
-/// as long.
-const WAYS: [(f64, f64); 3] = [(TAU / 4.0, 0.5), (TAU / 4.0, 0.17), (TAU / 12.0, 0.06)];
+const PAIRS: usize = 2;
+/// Turn of the drum of one way, rad, and its speed as a share of that of service: the first two show the play, the slow
+/// ones the dry friction. A slow way is short: 11 degrees are five times the widest play.
+const WAYS: [(f64, f64); 5] = [
+    (TAU / 4.0, 0.5),
+    (TAU / 8.0, 0.17),
+    (TAU / 32.0, 0.12),
+    (TAU / 32.0, 0.09),
+    // No slower: below a hundred rpm static friction begins to be felt.
+    (TAU / 32.0, 0.06),
+];
 /// Speeding up and slowing down each take this share of the time of a way.
 const RAMP: f64 = 0.3;
 /// Readings begin at this share of the time: until then the drive's loops have settled.
 const SETTLED: f64 = 0.42;
-/// Time between two looks, ms.
-const LOOK_MS: u64 = 10;
+/// Time between two looks, ms: odd, so that a drive which gets its set-points every second or fourth tick is seen at
+/// every phase of them.
+const LOOK_MS: u64 = 7;
+/// Step of a reported current, A.
+const STEP_A: f64 = 1e-3;
 /// Greatest relative standard error of the friction: beyond it the data contradict the model.
 const MOST_ERROR: f64 = 0.2;
 /// A drive that reports less current than this, A, while its motor turns, does not measure it.
@@ -212,9 +225,12 @@ impl<L: Link> Bench<'_, L> {
     fn judge_rubbing(&self, speeds: &[Vec<(Pass, Pass)>]) -> Result<Rubbing, ServiceError> {
         let winch = self.described();
         let torque = winch.torque_constant_nm_per_a;
-        // Friction from the current, independent of the motor's sign.
-        let rubs =
-            |(out, back): &(Pass, Pass)| 0.5 * (out.current_a - back.current_a).abs() * torque;
+        // Friction from the current. The motor's sign is that of its slowest turns: in faster ones the ripple of the
+        // set-points, which a drive samples always at the same moment, may exceed the friction.
+        let differs = |(out, back): &(Pass, Pass)| 0.5 * (out.current_a - back.current_a);
+        let slowest = speeds.last().map_or(&[][..], Vec::as_slice).iter();
+        let sign = slowest.map(differs).sum::<f64>().signum();
+        let rubs = |pair: &(Pass, Pass)| sign * differs(pair) * torque;
         let gap = |(out, back): &(Pass, Pass)| (out.gap - back.gap).abs() * 360.0;
         let rpm = |(out, back): &(Pass, Pass)| 0.5 * (out.rpm + back.rpm);
         let pairs = |speed: usize| speeds.get(speed).map_or(&[][..], Vec::as_slice).iter();
@@ -235,7 +251,9 @@ impl<L: Link> Bench<'_, L> {
             .flatten()
             .map(|(out, back)| out.current_a.abs().max(back.current_a.abs()))
             .fold(0.0, f64::max);
-        let (viscous, friction_nm, friction_se_nm) = dry(&turns);
+        let (viscous, friction_nm, fit_nm) = dry(&turns);
+        // A drive reports whole milliamperes: what it rounds away does not average out in a steady turn.
+        let friction_se_nm = fit_nm.hypot(STEP_A * torque);
         if most_a < NO_CURRENT_A {
             return Err(ServiceError::Rubs {
                 winch: self.index + 1,
@@ -268,9 +286,9 @@ impl<L: Link> Bench<'_, L> {
     }
 }
 
-/// Viscous friction (N m per rpm, not negative), dry friction (N m) and the standard error of the latter: the straight
-/// line through the torques over speed, weighted by 1/speed^2. What disturbs a torque is mostly the ripple of the
-/// set-points in the sampled current, which grows with the speed.
+/// Slope (N m per rpm), dry friction (N m) and the standard error of the latter: the straight line through the torques
+/// over speed, weighted by 1/speed^2. What disturbs a torque is mostly the ripple of the set-points in the sampled
+/// current, which grows with the speed; the slope may be negative for it.
 fn dry(turns: &[Steady]) -> (f64, f64, f64) {
     let weight = |turn: &Steady| turn.rpm.max(1.0).powi(-2);
     let sum =
@@ -281,7 +299,7 @@ fn dry(turns: &[Steady]) -> (f64, f64, f64) {
     if determinant <= 0.0 {
         return (0.0, 0.0, f64::INFINITY);
     }
-    let slope = ((one * rpm_nm - rpm * nm) / determinant).max(0.0);
+    let slope = (one * rpm_nm - rpm * nm) / determinant;
     let dry_nm = (nm - slope * rpm) / one;
     let residual = sum(&|t| (t.torque_nm - dry_nm - slope * t.rpm).powi(2));
     let freedom = turns.len().saturating_sub(2).max(1) as f64;

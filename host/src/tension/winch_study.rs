@@ -89,6 +89,8 @@ pub struct Identified {
     pub friction_error: Option<f64>,
     /// Play, found less true, degrees.
     pub play_error_deg: f64,
+    /// Motor counts per drum turn, found less those of the robot file, which are the true ones, as a share.
+    pub ratio_error: f64,
 }
 
 /// Results of one contender on one machine.
@@ -238,16 +240,23 @@ pub(crate) fn commissioned(
         let mut client = client.map_err(|error| words(&error))?;
         let found = commission(&mut client, robot, index + 1, None, &mut eyes);
         let found = found.map_err(|error| words(&error))?;
-        let rubs = found.rubbing.ok_or_else(|| words(&"no friction found"))?;
+        let rubs = found
+            .rubbing
+            .clone()
+            .ok_or_else(|| words(&"no friction found"))?;
         let Some(gear) = &real.gear else { continue };
         // Of the motor and, through the gear, of the drum.
         let drum_nm = real.friction_n * real.drum_radius_m / real.gear_ratio;
         let true_nm =
             gear.rotor_friction_nm + gear.gear_friction_nm + drum_nm / gear.efficiency_driving;
         let friction = rubs.friction.as_ref();
+        let counts = robot
+            .winch_of(index)
+            .map_or(f64::NAN, |winch| winch.motor_counts_per_turn.abs());
         let errors = Identified {
             friction_error: friction.map(|friction| friction.friction_nm / true_nm - 1.0),
             play_error_deg: rubs.play_deg - gear.play_rad.to_degrees(),
+            ratio_error: found.motor_counts_per_turn.abs() / counts - 1.0,
         };
         all.push((rubs, errors));
     }

@@ -110,6 +110,27 @@ fn identified(drawn: &[Drawn]) {
             winches.len()
         );
     }
+    for [low, high] in BINS_N {
+        let within = |machine: &&Drawn| (low..high).contains(&machine.friction_n);
+        let of = drawn
+            .iter()
+            .filter(within)
+            .flat_map(|machine| &machine.found);
+        let friction = of.filter_map(|found| found.friction_error);
+        let friction: Vec<f64> = friction.map(|share| share.abs() * 100.0).collect();
+        if let Some((median, p95, count)) = median_and_p95(friction) {
+            say!(
+                "commission: friction of {low:.0} to {:.0} N on {count} winches off by {median:.1} % (median), {p95:.1} % (95 %)",
+                high.min(FRICTION_N[1])
+            );
+        }
+    }
+    let ratio = winches.iter().map(|found| found.ratio_error.abs() * 100.0);
+    if let Some((median, p95, count)) = median_and_p95(ratio.collect()) {
+        say!(
+            "commission: motor counts per turn of {count} winches off by {median:.3} % (median), {p95:.3} % (95 %)"
+        );
+    }
     let play = winches.iter().map(|found| found.play_error_deg.abs());
     if let Some((median, p95, count)) = median_and_p95(play.collect()) {
         say!(
