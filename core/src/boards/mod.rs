@@ -461,6 +461,23 @@ impl<L: Lines> Boards<L> {
         self.flush()
     }
 
+    /// Gives the clients what the lines bring until a time, µs; returns with the first bytes.
+    fn listen(&mut self, until_us: u64) -> Result<(), LinkError> {
+        let mut arrived = vec![Vec::new(); self.lines.count()];
+        let now_us = self.lines.receive(until_us, &mut arrived)?;
+        if self.claim.is_asking() {
+            self.hear_hellos(&mut arrived)?;
+        }
+        for (member, line) in self.members.iter_mut().zip(&self.line_of) {
+            let port = member.client.link_mut();
+            port.now_us = now_us;
+            if let Some(bytes) = arrived.get_mut(*line) {
+                port.inbox.append(bytes);
+            }
+        }
+        Ok(())
+    }
+
     /// Sends what the clients have put out.
     fn flush(&mut self) -> Result<(), LinkError> {
         for (member, line) in self.members.iter_mut().zip(&self.line_of) {
@@ -546,6 +563,9 @@ impl<L: Lines> Link for Boards<L> {
         for (channel, body) in frames {
             self.hear(channel, &body)?;
         }
+        // The host may have done something else for a while. What arrived meanwhile is heard before a client judges its
+        // board by the time: on a serial line an answer waits until it is read.
+        self.listen(self.lines.now_us())?;
         self.turn()
     }
 
@@ -559,20 +579,9 @@ impl<L: Lines> Link for Boards<L> {
             if now_us >= until_us {
                 return Ok(now_us);
             }
-            let mut arrived = vec![Vec::new(); self.lines.count()];
             // A heartbeat that is due now was sent by the turn before: time must pass.
             let due_us = self.due_us().max(now_us + 1);
-            let now_us = self.lines.receive(until_us.min(due_us), &mut arrived)?;
-            if self.claim.is_asking() {
-                self.hear_hellos(&mut arrived)?;
-            }
-            for (member, line) in self.members.iter_mut().zip(&self.line_of) {
-                let port = member.client.link_mut();
-                port.now_us = now_us;
-                if let Some(bytes) = arrived.get_mut(*line) {
-                    port.inbox.append(bytes);
-                }
-            }
+            self.listen(until_us.min(due_us))?;
             self.turn()?;
         }
     }

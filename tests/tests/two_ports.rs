@@ -1,0 +1,47 @@
+//! One robot on two boards behind two serial devices, driven by the real program.
+#![cfg(target_os = "linux")]
+
+use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::{Folder, Simulator};
+use serde_json::Value;
+use std::process::{Output, Stdio};
+
+/// At this speed a busy machine has a third of a second before a board misses its host.
+const SCALE: &str = "0.3";
+const ROBOT: [&str; 2] = ["--robot", "eight-two-boards"];
+
+fn run(words: &[&str]) -> Output {
+    let mut command = mcdpr();
+    command.args(words).stdin(Stdio::null()).output().unwrap()
+}
+
+#[test]
+fn a_task_runs_on_two_ports_and_a_wrong_number_of_ports_is_refused() {
+    let folder = Folder::new("two-ports");
+    let task = folder.path().join("up.toml");
+    let text = "start_mm = [0, 0, 700]\n[[leg]]\nto_mm = [40, 0, 720]\n";
+    std::fs::write(&task, text).unwrap();
+    let task = task.to_str().unwrap();
+    let record = folder.path().join("run");
+    let record = record.to_str().unwrap();
+    let simulator = Simulator::start_with(SCALE, &ROBOT);
+    let ports: Vec<&str> = simulator.port.split(',').collect();
+    assert_eq!(ports.len(), 2, "{}", simulator.port);
+    let on = |port: &str| {
+        let words = ["run", task, "--on", port, "--time-scale", SCALE, "--json"];
+        let rest = ["--record", record, ROBOT[0], ROBOT[1]];
+        run(&[&words[..], &rest[..]].concat())
+    };
+    let refused = on(ports[0]);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(!refused.status.success() && said.contains("2 boards"), "{said}");
+    let twice = format!("{},{}", ports[0], ports[0]);
+    assert!(!on(&twice).status.success());
+    let done = on(&simulator.port);
+    let said = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert!(done.status.success(), "{said}");
+    let document: Value = serde_json::from_slice(&done.stdout).unwrap();
+    // All eight cables follow the plan, by their boards' own measurements.
+    let lengths = document["cable_length_error_m"]["max"].as_f64().unwrap();
+    assert!(lengths < 2e-3, "{lengths}");
+}
