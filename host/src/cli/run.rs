@@ -64,7 +64,15 @@ impl Cmd {
         self.check_resume(common)?;
         if common.dry_run {
             let drawing = super::plan::Drawing::OnRequest;
-            return super::plan::show(common, &model, task, &Watch::default(), drawing, None);
+            return super::plan::show(
+                common,
+                &model,
+                task,
+                &Watch::default(),
+                drawing,
+                None,
+                &super::plan::Known::default(),
+            );
         }
         say_choice(&model);
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
