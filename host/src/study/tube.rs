@@ -71,7 +71,7 @@ fn drawn(model: &Model, random: &mut Random) -> Result<Plan, PlanError> {
         let path = if random.unit() < CIRCLES {
             let radius_m = random.between(0.02, 0.1);
             let turn = random.between(0.0, std::f64::consts::TAU);
-            let arm = Vector3::new(libm::cos(turn), libm::sin(turn), 0.0) * radius_m;
+            let arm = Vector3::new(turn.cos(), turn.sin(), 0.0) * radius_m;
             let arc = Piece::arc(at_m + arm, radius_m, at_m, std::f64::consts::TAU)?;
             Path::new(vec![arc])?
         } else {

@@ -49,7 +49,7 @@ impl Cmd {
             at == last && now.is_some_and(|text| known.entries.get(at).is_some_and(|e| e.is(text)))
         };
         if common.json {
-            let entries: Vec<_> = known.entries.iter().enumerate().map(|(at, entry)| {
+            let entries = known.entries.iter().enumerate().map(|(at, entry)| {
                 json!({
                     "number": entry.number, "date": entry.date, "cause": entry.cause,
                     "robot_hash": entry.robot_hash, "moved_mm": entry.moved_mm,
