@@ -53,7 +53,7 @@ impl Default for Known {
 }
 
 impl Known {
-    fn belief(&self, robot: &crate::robot::Robot) -> miette::Result<Belief> {
+    pub(crate) fn belief(&self, robot: &crate::robot::Robot) -> miette::Result<Belief> {
         for (name, value, most) in [
             ("--anchors-within-mm", self.anchors_within_mm, 1000.0),
             ("--payload-kg", self.payload_kg, 1000.0),
@@ -231,7 +231,9 @@ fn draw(
         .map_err(failed())?;
     folder.write_json("plan.json", seen).map_err(failed())?;
     if let Some(tube) = tube {
-        folder.write_json("tube.json", tube).map_err(failed())?;
+        folder
+            .write_json(super::report::TUBE, tube)
+            .map_err(failed())?;
     }
     Ok(folder.path().display().to_string())
 }

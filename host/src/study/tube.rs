@@ -42,6 +42,8 @@ pub struct Audit {
     pub error_max_m: f64,
     /// Radius that would have held 95 % of this path, over the stated one.
     pub needed: f64,
+    /// Why the run ended early, if it did.
+    pub stopped: Option<String>,
 }
 
 /// A random plan from home, within every limit.
@@ -96,10 +98,11 @@ fn drawn(model: &Model, random: &mut Random) -> Result<Plan, PlanError> {
     Plan::new(model, &first, &steps)
 }
 
-/// Plans at random and runs the plan on the machine of this seed.
+/// Plans at random and runs the plan on the machine of this seed. A machine that a fault stops counts as far
+/// as it came.
 ///
 /// # Errors
-/// As a run on the simulator.
+/// As a run on the simulator, where it did not begin to move.
 pub fn audit(
     model: &Model,
     belief: &Belief,
@@ -117,48 +120,73 @@ pub fn audit(
     let mut session = Session::open(model, link.clone(), SessionId(1), handle, homing, &NoStore)?;
     session.arm()?;
     link.with(Simulation::record_truth);
-    session.follow(&plan, &mut Recorder::default(), |_| {})?;
-    let trace = link.with(Simulation::take_trace);
-    session.disarm()?;
-    Ok(judge(
-        &plan,
-        tube.as_ref(),
-        &report::true_path(&trace),
-        seed,
-    ))
-}
-
-fn judge(plan: &Plan, tube: Option<&Tube>, path: &[report::PathPoint], seed: u64) -> Audit {
-    let duration_s = plan.timed.duration_s();
-    let mut ratios = Vec::new();
-    let (mut error_sum_m, mut radius_sum_m, mut error_max_m) = (0.0, 0.0, 0.0_f64);
-    for point in path.iter().filter(|point| point.path_s <= duration_s) {
-        let Ok(planned_m) = plan.timed.tool_m(point.path_s) else {
-            continue;
-        };
-        let error_m = (Vector3::from(point.tool_m) - planned_m).norm();
-        let radius_m = tube.map_or(0.0, |tube| tube.radius_m(point.path_s));
-        error_sum_m += error_m;
-        error_max_m = error_max_m.max(error_m);
-        radius_sum_m += radius_m;
-        ratios.push(error_m / radius_m.max(1e-9));
-    }
+    let followed = session.follow(&plan, &mut Recorder::default(), |_| {});
+    let path = report::true_path(&link.with(Simulation::take_trace));
+    let stopped = match followed {
+        Ok(()) => None,
+        Err(RunError::Interrupted) => return Err(RunError::Interrupted),
+        Err(error) if path.is_empty() => return Err(error),
+        Err(error) => Some(error.to_string()),
+    };
+    let mut ratios = ratios(&plan, tube.as_ref(), &path);
     let count = ratios.len().max(1) as f64;
-    let inside = ratios.iter().filter(|ratio| **ratio <= 1.0).count() as f64;
-    ratios.sort_by(f64::total_cmp);
+    let mean = |of: &dyn Fn(&Ratio) -> f64| ratios.iter().map(of).sum::<f64>() / count;
+    let (radius_mean_m, error_mean_m) = (mean(&|r| r.radius_m), mean(&|r| r.error_m));
+    let error_max_m = ratios.iter().map(|r| r.error_m).fold(0.0, f64::max);
+    let inside = ratios.iter().filter(|r| r.of() <= 1.0).count() as f64;
+    ratios.sort_by(|a, b| a.of().total_cmp(&b.of()));
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "a small count"
     )]
     let at = (0.95 * ratios.len().saturating_sub(1) as f64).round() as usize;
-    Audit {
+    Ok(Audit {
         seed,
         path_s: ratios.len() as f64 * 1e-3,
         inside_s: inside * 1e-3,
-        radius_mean_m: radius_sum_m / count,
-        error_mean_m: error_sum_m / count,
+        radius_mean_m,
+        error_mean_m,
         error_max_m,
-        needed: ratios.get(at).copied().unwrap_or(f64::NAN),
+        needed: ratios.get(at).map_or(f64::NAN, Ratio::of),
+        stopped,
+    })
+}
+
+/// Share of a true path that lies inside a tube; 1 for an empty path.
+pub(crate) fn share_inside(plan: &Plan, tube: &Tube, path: &[report::PathPoint]) -> f64 {
+    let all = ratios(plan, Some(tube), path);
+    let inside = all.iter().filter(|ratio| ratio.of() <= 1.0).count();
+    if all.is_empty() {
+        1.0
+    } else {
+        inside as f64 / all.len() as f64
     }
+}
+
+/// Error of the tool, and the radius that was stated there, m.
+struct Ratio {
+    error_m: f64,
+    radius_m: f64,
+}
+
+impl Ratio {
+    fn of(&self) -> f64 {
+        self.error_m / self.radius_m.max(1e-9)
+    }
+}
+
+/// Point by point of a true path. Without a tube every point is outside.
+fn ratios(plan: &Plan, tube: Option<&Tube>, path: &[report::PathPoint]) -> Vec<Ratio> {
+    let duration_s = plan.timed.duration_s();
+    let points = path.iter().filter(|point| point.path_s <= duration_s);
+    points
+        .filter_map(|point| {
+            let planned_m = plan.timed.tool_m(point.path_s).ok()?;
+            Some(Ratio {
+                error_m: (Vector3::from(point.tool_m) - planned_m).norm(),
+                radius_m: tube.map_or(0.0, |tube| tube.radius_m(point.path_s)),
+            })
+        })
+        .collect()
 }

@@ -83,6 +83,7 @@ impl Cmd {
             };
             [at(0.5), at(0.0), at(1.0)]
         };
+        let stopped = audits.iter().filter(|a| a.stopped.is_some()).count();
         let rows = [
             (
                 "radius of the tube, mean, mm",
@@ -116,6 +117,7 @@ impl Cmd {
                 "path_s": seconds,
                 "inside": inside,
                 "plans_wholly_inside": whole,
+                "stopped_early": stopped,
                 "figures": figures,
                 "each": audits,
             }));
@@ -129,7 +131,7 @@ impl Cmd {
         write_out(&lay_out(&table));
         say!(
             "{} plans, {seconds:.0} s of path: the tool is inside the tube for {:.1} % of it; {whole} plans lie \
-             wholly inside",
+             wholly inside; {stopped} were stopped by a fault, and count as far as they came",
             audits.len(),
             inside * 100.0
         );
