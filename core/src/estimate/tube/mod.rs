@@ -23,7 +23,7 @@ use serde::Serialize;
 use slopes::{Instant, Motion};
 
 /// Most points of a tube.
-const MOST_POINTS: f64 = 400.0;
+const MOST_POINTS: f64 = 1000.0;
 /// Least time between two points, s.
 const LEAST_STEP_S: f64 = 0.01;
 /// Travel over which a pulley's friction turns, m: Dahl's model, as in docs/day.md.
