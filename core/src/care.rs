@@ -48,8 +48,7 @@ impl Default for Rope {
 /// eight strands, fibre core; wires of 1770 N/mm2), f_d = 0.52 / (0.48 + (d/16)^0.3). The tests were made with
 /// ropes of some millimetres to 40 mm: for a cable of 1 mm it extrapolates, and ten times more or less must
 /// be expected. Among equal ropes N scatters by a factor of about two.
-#[must_use]
-pub fn steel_bendings(tension_n: f64, sheave_m: f64, rope_m: f64) -> f64 {
+fn steel_bendings(tension_n: f64, sheave_m: f64, rope_m: f64) -> f64 {
     let ratio = libm::log10((sheave_m / rope_m).max(1.0));
     let rope_mm = rope_m * 1e3;
     let load = libm::log10((tension_n / (rope_mm * rope_mm)).max(1.0));

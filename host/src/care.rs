@@ -9,7 +9,7 @@ use thiserror::Error;
 
 /// Why the wear of a robot cannot be read or kept.
 #[derive(Debug, Error, Diagnostic)]
-pub enum CareError {
+pub(crate) enum CareError {
     /// The file system failed.
     #[error("{}: {source}", path.display())]
     #[diagnostic(
@@ -42,7 +42,7 @@ pub enum CareError {
 ///
 /// # Errors
 /// Where the user has no folder for state.
-pub fn path_of(robot: &Robot) -> Result<PathBuf, CareError> {
+pub(crate) fn path_of(robot: &Robot) -> Result<PathBuf, CareError> {
     let folder = state_folder().ok_or_else(|| CareError::Io {
         path: PathBuf::from("~/.local/state/mcdpr"),
         source: std::io::ErrorKind::NotFound.into(),
@@ -65,7 +65,7 @@ pub fn path_of(robot: &Robot) -> Result<PathBuf, CareError> {
 ///
 /// # Errors
 /// [`CareError`]; a file of another robot is refused.
-pub fn load(robot: &Robot) -> Result<Wear, CareError> {
+pub(crate) fn load(robot: &Robot) -> Result<Wear, CareError> {
     let path = path_of(robot)?;
     let text = match crate::files::read_text(&path) {
         Ok(text) => text,
@@ -93,7 +93,7 @@ pub fn load(robot: &Robot) -> Result<Wear, CareError> {
 ///
 /// # Errors
 /// [`CareError::Io`].
-pub fn keep(robot: &Robot, wear: &Wear) -> Result<(), CareError> {
+pub(crate) fn keep(robot: &Robot, wear: &Wear) -> Result<(), CareError> {
     let path = path_of(robot)?;
     let failed = |source| CareError::Io {
         path: path.clone(),
@@ -110,7 +110,7 @@ pub fn keep(robot: &Robot, wear: &Wear) -> Result<(), CareError> {
 ///
 /// # Errors
 /// [`CareError`]: an unreadable record, or one of another robot. Nothing was counted.
-pub fn add(robot: &Robot, wear: &mut Wear, path: &Path) -> Result<bool, CareError> {
+pub(crate) fn add(robot: &Robot, wear: &mut Wear, path: &Path) -> Result<bool, CareError> {
     let refused = |what: String| CareError::Other {
         path: path.to_owned(),
         what,

@@ -18,25 +18,25 @@ const MOST_BYTES: u64 = 512 << 20;
 
 /// One calibration that was put to use.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Entry {
+pub(crate) struct Entry {
     schema: String,
     /// From 1.
-    pub number: usize,
+    pub(crate) number: usize,
     /// When it was put to use, UTC, as in 20260301-120000.
-    pub date: String,
+    pub(crate) date: String,
     /// Why.
-    pub cause: String,
+    pub(crate) cause: String,
     /// Name of the robot.
-    pub robot: String,
+    pub(crate) robot: String,
     /// Hash of the robot's description.
-    pub robot_hash: String,
+    pub(crate) robot_hash: String,
     /// Greatest distance by which an anchor moved against the entry before, mm; against the robot file for
     /// the first.
-    pub moved_mm: Option<f64>,
+    pub(crate) moved_mm: Option<f64>,
     /// The cable of that anchor, from 1.
-    pub moved_cable: Option<usize>,
+    pub(crate) moved_cable: Option<usize>,
     /// Predicted position error, mm.
-    pub error_mm: Option<f64>,
+    pub(crate) error_mm: Option<f64>,
     crc32: u32,
     /// The calibration file.
     text: String,
@@ -45,23 +45,23 @@ pub struct Entry {
 impl Entry {
     /// Whether the calibration file has this text.
     #[must_use]
-    pub fn is(&self, text: &str) -> bool {
+    pub(crate) fn is(&self, text: &str) -> bool {
         self.text == text
     }
 }
 
 /// All entries of a robot.
 #[derive(Debug, Clone, Default)]
-pub struct History {
+pub(crate) struct History {
     /// In the order in which they were put to use.
-    pub entries: Vec<Entry>,
+    pub(crate) entries: Vec<Entry>,
     /// Lines that could not be read, from 1.
-    pub torn: Vec<usize>,
+    pub(crate) torn: Vec<usize>,
 }
 
 /// The history beside a calibration file.
 #[must_use]
-pub fn history_path(calibration: &Path) -> PathBuf {
+pub(crate) fn history_path(calibration: &Path) -> PathBuf {
     let name = calibration.file_name().unwrap_or_default();
     let name = name.to_string_lossy();
     let stem = name.strip_suffix(".json").unwrap_or(&name);
@@ -95,7 +95,7 @@ fn text_of(path: &Path, most: u64) -> Result<Option<String>, FileError> {
 ///
 /// # Errors
 /// [`FileError`]; a history of another robot is refused.
-pub fn history(robot: &Robot, calibration: &Path) -> Result<History, FileError> {
+pub(crate) fn history(robot: &Robot, calibration: &Path) -> Result<History, FileError> {
     let path = history_path(calibration);
     let mut found = History::default();
     let Some(text) = text_of(&path, MOST_BYTES)? else {
@@ -125,7 +125,7 @@ pub fn history(robot: &Robot, calibration: &Path) -> Result<History, FileError> 
 ///
 /// # Errors
 /// [`FileError`]: nothing was written, and the calibration is as it was.
-pub fn remember(
+pub(crate) fn remember(
     robot: &Robot,
     calibration: &Path,
     cause: &str,
@@ -189,7 +189,11 @@ fn append(path: &Path, entry: &Entry) -> Result<(), FileError> {
 ///
 /// # Errors
 /// [`FileError`]; the calibration in use is as it was.
-pub fn back_to(robot: &Robot, calibration: &Path, number: usize) -> Result<Entry, FileError> {
+pub(crate) fn back_to(
+    robot: &Robot,
+    calibration: &Path,
+    number: usize,
+) -> Result<Entry, FileError> {
     let path = history_path(calibration);
     let known = history(robot, calibration)?;
     let wanted = known.entries.iter().find(|entry| entry.number == number);

@@ -50,7 +50,7 @@ pub struct Audit {
 ///
 /// # Errors
 /// The last refusal, where no way was found.
-pub fn random_plan(model: &Model, random: &mut Random) -> Result<Plan, PlanError> {
+fn random_plan(model: &Model, random: &mut Random) -> Result<Plan, PlanError> {
     let mut refused = PlanError::Path(PathError::Empty);
     for _ in 0..TRIES {
         match drawn(model, random) {
