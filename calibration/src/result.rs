@@ -6,6 +6,7 @@
 use super::answer::Answer;
 use super::data::Data;
 use super::unknowns::Layout;
+use mcdpr_core::estimate::tube::Errors;
 use mcdpr_core::motion::{Model, PlanError};
 use mcdpr_core::robot::{Calibrated, Robot, Tag, TagPlace};
 use mcdpr_kinematics::Pose;
@@ -224,9 +225,63 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         covariance: optional(&value["covariance_of_shared_unknowns_si"], |v| {
             square(v, "covariance_of_shared_unknowns_si")
         })?,
+        errors: None,
         file: path.to_owned(),
     }));
+    let errors = open_errors(&robot);
+    if let Some(calibrated) = robot.calibrated.as_mut() {
+        calibrated.errors = errors;
+    }
     Ok(robot)
+}
+
+/// What a calibration left open, for the tube of a plan: its covariance, in the frame of the first body
+/// of tags, which a camera can compare with.
+fn open_errors(robot: &Robot) -> Option<DMatrix<f64>> {
+    let layout = Layout::of(robot)?;
+    let calibrated = robot.calibrated.as_deref()?;
+    let covariance = calibrated.covariance.as_ref()?;
+    let body_m = calibrated.places.first()?.world_from_body.position_m;
+    let errors = Errors {
+        cables: robot.cables.len(),
+    };
+    let mut map = DMatrix::zeros(errors.count(), layout.len());
+    for (i, cable) in robot.cables.iter().enumerate() {
+        let from_body = (cable.anchor_in_world_m - body_m).cross_matrix();
+        for axis in 0..3 {
+            let row = errors.anchor(i) + axis;
+            map[(row, layout.anchor(i) + axis)] = 1.0;
+            map[(row, layout.body(0) + axis)] = -1.0;
+            for turn in 0..3 {
+                map[(row, layout.body(0) + 3 + turn)] = from_body[(axis, turn)];
+            }
+            map[(errors.attachment(i) + axis, layout.attachment(i) + axis)] = 1.0;
+        }
+        map[(errors.length(i), layout.initial_length(i))] = 1.0;
+        map[(errors.drum(i), layout.scales())] = 1.0;
+        map[(errors.drum(i), layout.drum(i))] = 1.0;
+        if layout.statics {
+            map[(errors.compliance(i), layout.statics())] = cable.ea_n;
+            map[(errors.compliance(i), layout.soft(i))] = cable.ea_n;
+            map[(errors.gain(i), layout.loss(i))] = 1.0;
+            map[(errors.zero(i), layout.zero(i))] = 1.0;
+        }
+    }
+    let weight_n = robot.platform.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
+    if layout.statics {
+        map[(errors.mass(), layout.statics() + 1)] = 1.0;
+        for axis in 0..3 {
+            map[(errors.center() + axis, layout.statics() + 2 + axis)] = 1.0;
+        }
+    }
+    // In a frame that is turned by mistake the weight points elsewhere.
+    let turned = Vector3::new(0.0, 0.0, -weight_n).cross_matrix();
+    for axis in 0..3 {
+        for turn in 0..3 {
+            map[(errors.force() + axis, layout.body(0) + 3 + turn)] = turned[(axis, turn)];
+        }
+    }
+    Some(&map * covariance * map.transpose())
 }
 
 /// Iterations between position and tensions at home.

@@ -15,11 +15,13 @@
 //! | [`link`] | the host's half of the protocol, over any byte stream |
 //! | [`boards`] | several boards behind one line: one robot |
 //! | [`run`] | running a plan on a board |
+//! | [`care`] | wear of cables, drums and brakes, counted from runs |
 //!
 //! Files, ports, clocks and threads are left to the caller: texts come in as strings, a
 //! [`link::Link`] brings its own clock, lengths are kept by a [`run::saved::LengthStore`].
 
 pub mod boards;
+pub mod care;
 pub mod control;
 pub mod estimate;
 pub mod faults;

@@ -60,6 +60,7 @@ fn write_stderr(what: std::fmt::Arguments<'_>) {
 
 pub mod bench;
 pub mod calibration;
+mod care;
 mod chart;
 pub mod cli;
 pub mod compute;

@@ -1,6 +1,7 @@
 //! What a task would do, for viewers.
 
 use crate::feed::Feed;
+use mcdpr_core::estimate::tube::{Belief, Doubts, Tube};
 use mcdpr_core::motion::{Margin, Model, Task, Watch};
 use mcdpr_core::run::preview;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
@@ -8,6 +9,9 @@ use serde_json::{Value, json};
 
 /// Points of a plan that are drawn.
 const DRAWN: usize = 600;
+
+/// Half width within which a robot file's anchors are known where no calibration is applied, m.
+const BY_TAPE_M: f64 = 5e-3;
 
 /// The message that shows viewers what a task would do from where the robot hangs: its path, its duration
 /// and every limit's margin, or the reason why it cannot be run. `id` is the plan's number.
@@ -37,6 +41,8 @@ fn planned(model: &Model, feed: &Feed, task: &Task) -> Result<Value, String> {
     let plan = preview(model, task.clone(), &start_m, attitude).map_err(|e| failed(&e))?;
     let seen = plan.extremes(&Watch::default()).map_err(|e| failed(&e))?;
     let duration_s = seen.duration_s;
+    let belief = Belief::of(model.robot(), &Doubts::within(BY_TAPE_M));
+    let tube = Tube::along(&plan, &belief).map_err(|e| failed(&e))?;
     let times = (0..=DRAWN).map(|index| duration_s * index as f64 / DRAWN as f64);
     let points = times.filter_map(|time_s| plan.timed.tool_m(time_s).ok());
     let points: Vec<[f64; 3]> = points.map(Into::into).collect();
@@ -48,6 +54,9 @@ fn planned(model: &Model, feed: &Feed, task: &Task) -> Result<Value, String> {
         "tool_m": points,
         "tightest": seen.margins.first().map(words),
         "margins": seen.margins,
+        "tube": tube.map(|tube| json!({
+            "widest_m": tube.widest.radius_m, "mean_m": tube.mean_m, "words": tube.words(),
+        })),
     }))
 }
 

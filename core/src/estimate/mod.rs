@@ -16,6 +16,7 @@ mod fix;
 mod rows;
 mod slip;
 pub mod track;
+pub mod tube;
 
 pub use fix::{Estimate, EstimateError, estimate};
 pub use rows::{Measurements, Sigmas};

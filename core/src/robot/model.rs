@@ -81,6 +81,9 @@ pub struct Calibrated {
     pub drum_scales: Vec<f64>,
     /// Covariance of what was estimated, SI units, in the order of the file.
     pub covariance: Option<nalgebra::DMatrix<f64>>,
+    /// What it left open, in the frame of the first body of tags: covariance of the errors in the order of
+    /// `Errors` of the tube that a plan states.
+    pub errors: Option<nalgebra::DMatrix<f64>>,
     /// The calibration file.
     pub file: std::path::PathBuf,
 }

@@ -3,6 +3,7 @@
 //! The estimators are a crate of their own, `mcdpr_calibration`.
 
 pub mod collect;
+pub(crate) mod history;
 pub mod result;
 
 pub use mcdpr_calibration::*;

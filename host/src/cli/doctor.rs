@@ -38,6 +38,31 @@ fn power<L: Link>(client: &mut Client<L>, robot: &Robot) -> miette::Result<Optio
     }))
 }
 
+/// What runs did to cables, drums and brakes.
+fn wear(robot: &Robot) -> Option<Finding> {
+    match crate::care::load(robot) {
+        Ok(wear) => {
+            let sentence = crate::care::sentence(&wear)?;
+            let used = wear.cables.iter().filter_map(|cable| cable.used());
+            if used.fold(0.0, f64::max) < WORN {
+                return Some(Finding::good("care", sentence));
+            }
+            let next = "replace that cable, then `mcdpr care --renewed CABLE`";
+            Some(Finding::with(Verdict::Note, "care", sentence, next))
+        }
+        Err(error) => Some(Finding::with(
+            Verdict::Note,
+            "care",
+            error.to_string(),
+            "move that file away: wear is counted anew",
+        )),
+    }
+}
+
+/// Share of a life from which on a cable is to be replaced: half of all cables of steel break at its end, and
+/// their lives scatter by a factor of two.
+const WORN: f64 = 0.5;
+
 /// The simulated robot behind the line, if there is one.
 type Opened = (Box<dyn Link>, Option<SimulatedLink>);
 
@@ -58,6 +83,7 @@ impl Cmd {
             ),
         )];
         self.look(common, &robot, &mut findings)?;
+        findings.extend(wear(&robot));
         if common.json {
             print_json(&serde_json::json!({
                 "healthy": doctor::is_healthy(&findings),

@@ -13,6 +13,7 @@ macro_rules! say {
 mod bench;
 mod calibrate;
 mod camera;
+mod care;
 mod clear;
 mod commission;
 mod compute;
@@ -327,6 +328,7 @@ enum Command {
     Statics(compute::statics::Cmd),
     Workspace(compute::workspace::Cmd),
     Calibrate(calibrate::Cmd),
+    Care(care::Cmd),
     Predict(predict::Cmd),
     Pick(pick::Cmd),
     Camera(camera::Cmd),
@@ -450,6 +452,7 @@ pub fn main() -> ExitCode {
         Command::Statics(cmd) => cmd.run(common),
         Command::Workspace(cmd) => cmd.run(common),
         Command::Calibrate(cmd) => cmd.run(common),
+        Command::Care(cmd) => cmd.run(common),
         Command::Predict(cmd) => cmd.run(common),
         Command::Pick(cmd) => cmd.run(common),
         Command::Camera(cmd) => cmd.run(common),

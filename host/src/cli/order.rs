@@ -10,6 +10,7 @@ const ORDER: &[&str] = &[
     // Overview.
     "ports",
     "doctor",
+    "care",
     "config",
     "camera",
     "states",

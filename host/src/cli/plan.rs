@@ -8,6 +8,7 @@ use crate::motion::{
     Extremes, Margin, Model, Plan, PlanOptions, Planner, Shaping, Task, Tensioning, Watch,
 };
 use crate::report::{RunFolder, plan_figure};
+use mcdpr_core::estimate::tube::{Belief, Doubts, Tube};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 
@@ -27,6 +28,52 @@ pub(crate) struct Cmd {
     /// A position in the world, mm, that the platform's camera must keep in its picture
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
     keep_in_view: Option<Vec<f64>>,
+    #[command(flatten)]
+    known: Known,
+}
+
+/// What is known of the machine, for the tube around the path.
+#[derive(Debug, Clone, Copy, PartialEq, clap::Args)]
+pub(crate) struct Known {
+    /// Within how many mm the robot file's anchors are known, where no calibration is applied
+    #[arg(long, value_name = "MM", default_value_t = 5.0)]
+    anchors_within_mm: f64,
+    /// A load that the tool may carry, up to this mass
+    #[arg(long, value_name = "KG", default_value_t = 0.0)]
+    payload_kg: f64,
+}
+
+impl Default for Known {
+    fn default() -> Self {
+        Self {
+            anchors_within_mm: 5.0,
+            payload_kg: 0.0,
+        }
+    }
+}
+
+impl Known {
+    pub(crate) fn belief(&self, robot: &crate::robot::Robot) -> miette::Result<Belief> {
+        for (name, value, most) in [
+            ("--anchors-within-mm", self.anchors_within_mm, 1000.0),
+            ("--payload-kg", self.payload_kg, 1000.0),
+        ] {
+            if !(0.0..=most).contains(&value) {
+                let reason = format!("{value}: give 0 to {most}");
+                return Err(Failed::from_error(name)(reason).into());
+            }
+        }
+        let doubts = doubts(self.anchors_within_mm, self.payload_kg);
+        Ok(Belief::of(robot, &doubts))
+    }
+}
+
+/// A machine built by hand, its anchors known within this half width.
+pub(crate) fn doubts(anchors_within_mm: f64, payload_kg: f64) -> Doubts {
+    Doubts {
+        payload_kg,
+        ..Doubts::within(anchors_within_mm * 1e-3)
+    }
 }
 
 /// How to plan.
@@ -75,7 +122,7 @@ impl Cmd {
         } else {
             Drawing::Always
         };
-        show(common, &model, task, &watch, drawing, file)?;
+        show(common, &model, task, &watch, drawing, file, &self.known)?;
         if drawing == Drawing::Always && !common.json {
             say!(
                 "next: mcdpr run {} --robot {}",
@@ -105,8 +152,10 @@ pub(crate) fn show(
     watch: &Watch,
     drawing: Drawing,
     file: Option<(&Path, PlotFormat)>,
+    known: &Known,
 ) -> Outcome {
     let name = task.name.clone();
+    let belief = known.belief(model.robot())?;
     super::run::say_choice(model);
     let start = model.robot().tool.home_in_world_m;
     let task = task.approached_from(&start, None)?;
@@ -115,12 +164,13 @@ pub(crate) fn show(
     // The refusal itself, with its code and help.
     let judged = plan.clone().judged().and_then(|plan| plan.watched(watch));
     let draws = common.record.is_some() || (drawing == Drawing::Always && judged.is_ok());
+    let tube = Tube::along(&plan, &belief)?;
     let folder = draws
-        .then(|| draw(common, &name, &plan, &seen))
+        .then(|| draw(common, &name, &plan, &seen, tube.as_ref()))
         .transpose()?;
     let plan = judged?;
     if let Some((path, kind)) = file {
-        let bytes = plan_figure(&name, &plan)?.file(kind)?;
+        let bytes = plan_figure(&name, &plan, tube.as_ref())?.file(kind)?;
         crate::files::write_atomically(path, bytes)
             .map_err(Failed::from_error("writing the plot"))?;
     }
@@ -133,6 +183,7 @@ pub(crate) fn show(
             "tension_min_n": seen.tension_min_n.iter().copied().fold(f64::MAX, f64::min),
             "tension_max_n": seen.tension_max_n.iter().copied().fold(0.0, f64::max),
             "verdict": seen,
+            "tube": tube,
             "folder": folder,
         }));
     }
@@ -144,6 +195,10 @@ pub(crate) fn show(
         seen.tilt_rad.to_degrees()
     );
     super::write_out(&lay_out(&rows(&seen.margins)));
+    match &tube {
+        Some(tube) => say!("{}", tube.words()),
+        None => say!("no tube of the tool's error: the platform does not hang firmly everywhere"),
+    }
     if let Some(folder) = folder {
         let ending = common.plots().ending();
         say!("drawn in {folder}/plan.{ending}: path, lengths, tensions, tilt");
@@ -161,14 +216,25 @@ fn quoted(name: &str) -> String {
 }
 
 /// Writes picture and figures; gives the folder.
-fn draw(common: &Common, name: &str, plan: &Plan, seen: &Extremes) -> miette::Result<String> {
+fn draw(
+    common: &Common,
+    name: &str,
+    plan: &Plan,
+    seen: &Extremes,
+    tube: Option<&Tube>,
+) -> miette::Result<String> {
     let failed = || Failed::from_error("writing the plan's folder");
-    let picture = plan_figure(name, plan)?;
+    let picture = plan_figure(name, plan, tube)?;
     let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
     folder
         .plot("plan", &picture, common.plots())
         .map_err(failed())?;
     folder.write_json("plan.json", seen).map_err(failed())?;
+    if let Some(tube) = tube {
+        folder
+            .write_json(super::report::TUBE, tube)
+            .map_err(failed())?;
+    }
     Ok(folder.path().display().to_string())
 }
 

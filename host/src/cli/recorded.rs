@@ -11,11 +11,16 @@ use crate::record::{
     starting_now,
 };
 use crate::report::RunFolder;
+use crate::robot::Robot;
 use crate::run::{RunError, interrupted, new_session};
 use crate::serve::Feed;
 use mcdpr_protocol::SessionId;
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+
+/// A greater record is not read again at the end of its run: that would take seconds, and gigabytes.
+const MOST_COUNTED_BYTES: u64 = 200 << 20;
 
 /// Content of a record.
 pub(crate) struct About<'a> {
@@ -44,6 +49,8 @@ pub(crate) struct Recorded {
     feed: Option<Feed>,
     summary: Option<Arc<Mutex<Summary>>>,
     lost: Option<Arc<AtomicU64>>,
+    /// The robot whose cables the run wears: a real one.
+    worn: Option<Robot>,
 }
 
 impl Recorded {
@@ -106,6 +113,9 @@ impl Recorded {
             feed: None,
             summary: None,
             lost: None,
+            worn: model
+                .filter(|_| !simulated)
+                .map(|model| model.robot().clone()),
         };
         // A moving robot must not wait for a disk; virtual time may.
         let in_virtual_time = simulated && common.time_scale.is_none();
@@ -151,6 +161,7 @@ impl Recorded {
             folder: self.folder,
             summary: self.summary,
             lost: self.lost,
+            worn: self.worn,
         };
         (self.events, rest)
     }
@@ -168,6 +179,7 @@ pub(crate) struct RecordEnd {
     folder: RunFolder,
     summary: Option<Arc<Mutex<Summary>>>,
     lost: Option<Arc<AtomicU64>>,
+    worn: Option<Robot>,
 }
 
 impl RecordEnd {
@@ -186,8 +198,28 @@ impl RecordEnd {
                 "the disk was too slow, {lost} entries are missing"
             ));
         }
+        if let Some(robot) = &self.worn {
+            wear(robot, &self.folder.path().join(FILE_NAME));
+        }
         self.folder
     }
+}
+
+/// Counts what a run did to cables, drums and brakes.
+fn wear(robot: &Robot, record: &Path) {
+    let large = std::fs::metadata(record).is_ok_and(|file| file.len() > MOST_COUNTED_BYTES);
+    let failed = if large {
+        "it is large".to_owned()
+    } else {
+        match crate::care::count(robot, record) {
+            Ok(_) => return,
+            Err(error) => error.to_string(),
+        }
+    };
+    eprintln!(
+        "the wear of this run is not counted yet ({failed}): mcdpr care --add {}",
+        record.display()
+    );
 }
 
 /// The record of work that opens its own line to the robot: experiments, rigging, service.

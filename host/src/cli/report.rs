@@ -55,10 +55,14 @@ fn write(
     Ok(path)
 }
 
+/// The file of a plan's tube in a run's folder.
+pub(crate) const TUBE: &str = "tube.json";
+
 impl Report {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let (run, robot, judgement) = load(&self.run)?;
-        let page = html::report(&run, &robot, &judgement);
+        let tube = tube(&run);
+        let page = html::report(&run, &robot, &judgement, tube.as_deref());
         let path = write(self.out.as_ref(), &run, "report.html", &page)?;
         let plots = common.plots.map(|kind| {
             let figures = html::figures(&run, &robot, &judgement);
@@ -68,6 +72,7 @@ impl Report {
         if common.json {
             return print_json(&serde_json::json!({
                 "page": path.display().to_string(), "plots": plots, "judgement": judgement,
+                "tube": tube,
             }));
         }
         let rows = judgement.verdicts.iter().map(|verdict| {
@@ -79,12 +84,30 @@ impl Report {
             ]
         });
         super::write_out(&lay_out(&rows.collect::<Vec<_>>()));
+        if let Some(tube) = tube {
+            say!("{tube}");
+        }
         say!("{}", path.display());
         for plot in plots {
             say!("{plot}");
         }
         Ok(())
     }
+}
+
+/// What the plan of a run stated of the tool's error, and whether it held, from the run's folder.
+pub(crate) fn tube(run: &RecordedRun) -> Option<String> {
+    let file = run.path.parent()?.join(TUBE);
+    let text = crate::files::read_text(file).ok()?;
+    let value: serde_json::Value = serde_json::from_str(&text).ok()?;
+    let words = format!("Stated by the plan: {}", value["words"].as_str()?);
+    Some(match value["inside"].as_f64() {
+        Some(inside) => format!(
+            "{words}. The simulated tool was inside for {:.1} % of the path",
+            inside * 100.0
+        ),
+        None => words,
+    })
 }
 
 /// Writes plots into the folder `plots` beside a page; gives their files.

@@ -17,6 +17,7 @@ use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::saved::scale_of;
 use crate::run::{Homing, new_session, watch_for_interrupts};
+use mcdpr_core::estimate::tube::Tube;
 use mcdpr_protocol::SessionId;
 use serde::Serialize;
 
@@ -64,7 +65,15 @@ impl Cmd {
         self.check_resume(common)?;
         if common.dry_run {
             let drawing = super::plan::Drawing::OnRequest;
-            return super::plan::show(common, &model, task, &Watch::default(), drawing, None);
+            return super::plan::show(
+                common,
+                &model,
+                task,
+                &Watch::default(),
+                drawing,
+                None,
+                &super::plan::Known::default(),
+            );
         }
         say_choice(&model);
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
@@ -220,6 +229,16 @@ fn save(model: &Model, name: &str, run: &Run, folder: &RunFolder, plots: PlotFor
     folder
         .write_json("robot.json", model.robot())
         .map_err(failed())?;
+    let belief = super::plan::Known::default().belief(model.robot())?;
+    if let Some(tube) = Tube::along(&run.plan, &belief)? {
+        let inside = truth.map(|points| crate::study::tube::share_inside(&run.plan, &tube, points));
+        let about = serde_json::json!({
+            "words": tube.words(), "mean_m": tube.mean_m, "widest": tube.widest, "inside": inside,
+        });
+        folder
+            .write_json(super::report::TUBE, &about)
+            .map_err(failed())?;
+    }
     Ok(())
 }
 

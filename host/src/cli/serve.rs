@@ -155,6 +155,11 @@ impl Cmd {
             feed.say("robot file and calibration are read again and in use");
         } else {
             announce(&server, common)?;
+            // One line of the log: what the cables have done so far.
+            let wear = crate::care::load(robot).ok();
+            if let Some(sentence) = wear.as_ref().and_then(crate::care::sentence) {
+                feed.say(&format!("care: {sentence}"));
+            }
         }
         // A page that is open reaches the next server, too.
         (at.port, at.token) = (server.port(), Some(server.token().to_owned()));

@@ -150,7 +150,12 @@ fn figure_rows(runs: &[&Judgement]) -> Vec<Vec<String>> {
 
 /// The report of one run.
 #[must_use]
-pub fn report(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> String {
+pub fn report(
+    run: &RecordedRun,
+    robot: &Robot,
+    judgement: &Judgement,
+    tube: Option<&str>,
+) -> String {
     let about = format!(
         "{} - {} - recorded by mcdpr {} (protocol {}), {:.1} s",
         robot.name,
@@ -184,6 +189,9 @@ pub fn report(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> String
     let mut rows = vec![vec!["figure".to_owned(), title.to_owned()]];
     rows.extend(figure_rows(&[judgement]));
     body += &table(&rows);
+    if let Some(tube) = tube {
+        let _ = write!(body, "<p class=\"about\">{}</p>", escape(tube));
+    }
     body += "<h2>Plots</h2><p class=\"about\">Dashed: planned. Dotted lines: changes of state; red \
              lines: faults (point at them for words).</p><div class=\"plots\">";
     for chart in charts(run, robot, judgement) {

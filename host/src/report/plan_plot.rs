@@ -2,6 +2,7 @@
 
 use crate::chart::{Chart, Curve, Figure, PlotFormat};
 use crate::motion::{Plan, PlanError, StaticState};
+use mcdpr_core::estimate::tube::Tube;
 
 /// Number of points of a curve.
 const POINTS: u32 = 600;
@@ -11,7 +12,7 @@ const POINTS: u32 = 600;
 /// # Errors
 /// [`PlanError::Path`] for a plan that cannot be evaluated.
 pub fn draw_plan(title: &str, plan: &Plan) -> Result<String, PlanError> {
-    Ok(plan_figure(title, plan)?.svg())
+    Ok(plan_figure(title, plan, None)?.svg())
 }
 
 /// Draws a plan as the bytes of a PNG file, 300 pixels per inch at the width of a column.
@@ -19,14 +20,18 @@ pub fn draw_plan(title: &str, plan: &Plan) -> Result<String, PlanError> {
 /// # Errors
 /// A plan that cannot be evaluated, or a picture that cannot be encoded.
 pub fn draw_plan_png(title: &str, plan: &Plan) -> miette::Result<Vec<u8>> {
-    Ok(plan_figure(title, plan)?.file(PlotFormat::Png)?)
+    Ok(plan_figure(title, plan, None)?.file(PlotFormat::Png)?)
 }
 
-/// Draws a plan.
+/// Draws a plan, and how far the tool may be off it.
 ///
 /// # Errors
 /// [`PlanError::Path`] for a plan that cannot be evaluated.
-pub(crate) fn plan_figure(title: &str, plan: &Plan) -> Result<Figure, PlanError> {
+pub(crate) fn plan_figure(
+    title: &str,
+    plan: &Plan,
+    tube: Option<&Tube>,
+) -> Result<Figure, PlanError> {
     let duration_s = plan.timed.duration_s();
     let step_s = (duration_s / f64::from(POINTS)).max(1e-3);
     let states: Vec<(f64, StaticState)> = plan.states(step_s).collect();
@@ -53,7 +58,7 @@ pub(crate) fn plan_figure(title: &str, plan: &Plan) -> Result<Figure, PlanError>
     let tilt = states
         .iter()
         .map(|(time_s, rest)| (*time_s, rest.equilibrium.pose.tilt_rad().to_degrees()));
-    let charts = [
+    let mut charts = vec![
         Chart::new("Path of the tool from above", "x, mm", "y, mm")
             .with([Curve::new("", 0, path)])
             .square(),
@@ -61,5 +66,13 @@ pub(crate) fn plan_figure(title: &str, plan: &Plan) -> Result<Figure, PlanError>
         Chart::new("Lengths since the start", "time, s", "mm").with(lengths),
         Chart::new("Tilt of the platform", "time, s", "degrees").with([Curve::new("", 0, tilt)]),
     ];
+    if let Some(tube) = tube {
+        let points = tube.points.iter();
+        let radii = points.map(|point| (point.time_s, point.radius_m * 1e3));
+        charts.push(
+            Chart::new("The tool is within this of the path, 95 %", "time, s", "mm")
+                .with([Curve::new("", 0, radii)]),
+        );
+    }
     Ok(Figure::new(title, 2, charts))
 }

@@ -3,3 +3,4 @@
 pub mod iso9283;
 pub mod motion;
 pub(crate) mod robots;
+pub mod tube;

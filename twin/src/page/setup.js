@@ -153,7 +153,8 @@ const Steps = (() => {
       kept[name] = make('button', { id: `kept-${name}`, textContent: words });
       kept[name].addEventListener('click', async () => {
         const answer = await ask({ order });
-        text(c.wrong, answer.ok ? '' : answer.reason);
+        const failed = answer.ok && answer.data && answer.data.history_failed;
+        text(c.wrong, answer.ok ? failed ? `It is in use, but not in its history: ${failed}` : '' : answer.reason);
       });
     }
     kept.use = make('button', { id: 'kept-use', textContent: 'Use it now' });
@@ -167,7 +168,7 @@ const Steps = (() => {
     files = f;
     const words = [f.used ? f.applied ? `In use: ${f.used}${f.made ? `, made ${f.made}` : ''}. Steps apply it from their next start on, this server once you press Use it now.` : `${f.used} is not applied: this server was started with --calibration none.` : 'No calibration is in use.'];
     if (f.proposal) words.push(`${f.proposal} is new and not in use yet: accept it, or discard it.`);
-    if (f.before) words.push(`Before it: ${f.before}.`);
+    if (f.before) words.push(`Before it: ${f.before}; mcdpr calibrate history lists all and goes back to any.`);
     text(kept.words, words.join(' '));
   }
 

@@ -54,7 +54,7 @@ const Work = (() => {
       cell(x.what); cell(`${x.value.toFixed(1)} of ${x.limit.toFixed(1)} ${x.unit}`); cell(`${x.left_percent.toFixed(0)} %`); cell(x.time_s.toFixed(1));
       return row;
     }));
-    verdict(m.ok ? `${m.name}: ${m.duration_s.toFixed(1)} s. Tightest limit: ${m.tightest}.` : `${m.name} cannot be run: ${m.reason}`, !m.ok, false);
+    verdict(m.ok ? `${m.name}: ${m.duration_s.toFixed(1)} s. Tightest limit: ${m.tightest}.${m.tube ? ` The tool stays within ${(m.tube.widest_m * 1e3).toFixed(2)} mm of the path (95 %).` : ''}` : `${m.name} cannot be run: ${m.reason}`, !m.ok, false);
     makeStep();
   }
 

@@ -321,7 +321,10 @@ impl Tracker {
         if doubt > 1.0 || !doubt.is_finite() {
             return self.doubted(look, doubt);
         }
-        self.pending.clear();
+        // A rest without a picture says nothing of the camera: looks that did not fit wait for the next one.
+        let blind = measured.views.is_empty();
+        self.pending
+            .retain(|waiting| blind && !waiting.measured.views.is_empty());
         self.now = next;
         self.follow(measured, hauled, near);
         Report {

@@ -164,3 +164,60 @@ fn plans_follow_in_bounded_steps_and_a_wild_rest_is_not_followed() {
     assert!(!tracker.rest(&wild, &hauled, &near).fits);
     assert_eq!(tracker.robot(), robot);
 }
+
+#[test]
+fn a_bent_camera_is_named_by_two_looks_though_rests_between_them_fit() {
+    use crate::robot::TagPlace;
+    use crate::sight::TagView;
+    let model = model();
+    let mut tracker = Tracker::new(&model, &Prior::default());
+    let robot = model.robot();
+    let tag = robot.tags[0].clone();
+    let floor = Vector3::new(0.33, 0.0, -0.72);
+    let place = TagPlace {
+        body: tag.body,
+        world_from_body: Pose::level(floor),
+    };
+    // What a camera sees whose bracket is bent by a shift along the picture.
+    let look = |by_m: [f64; 3], bent_m: f64| {
+        let (mut measured, hauled, near) = exact(&model, by_m);
+        let camera_from_body = robot
+            .camera
+            .camera_from_platform
+            .compose(&near.inverse())
+            .compose(&place.world_from_body);
+        let corners_px = tag.corners_in_body_m.map(|corner| {
+            let mut seen = camera_from_body.transform(&corner);
+            seen.x += bent_m;
+            let pixel = robot.camera.lens.projection(&seen.into()).unwrap().pixel;
+            [pixel.x, pixel.y]
+        });
+        measured.views = vec![TagView {
+            id: tag.id,
+            corners_px,
+            covariance_px2: [[[0.01, 0.0], [0.0, 0.01]]; 4],
+            image_time_us: 0,
+        }];
+        measured.places = vec![place];
+        (measured, hauled, near)
+    };
+    let places = [[0.08, 0.1, -0.1], [0.05, 0.12, -0.15], [0.1, 0.08, -0.05]];
+    for by in places {
+        let (measured, hauled, near) = look(by, 0.0);
+        assert!(tracker.rest(&measured, &hauled, &near).fits);
+    }
+    let before = tracker.robot();
+    let (measured, hauled, near) = look(places[0], 3e-3);
+    let first = tracker.rest(&measured, &hauled, &near);
+    assert!(!first.fits && first.named.is_none(), "{first:?}");
+    // Noticed, and not followed.
+    assert_eq!(tracker.robot(), before);
+    for by in places {
+        let (measured, hauled, near) = exact(&model, by);
+        assert!(tracker.rest(&measured, &hauled, &near).fits);
+    }
+    let (measured, hauled, near) = look(places[1], 3e-3);
+    let named = tracker.rest(&measured, &hauled, &near).named.unwrap();
+    assert_eq!(named.what, Moved::Camera, "{named:?}");
+    assert!((named.by.norm() - 3e-3).abs() < 1e-3, "{named:?}");
+}

@@ -3,7 +3,7 @@
 use super::Method;
 use super::collect::{How, data_path};
 use crate::calibration::paper::{AnchorTerm, Weights, paper};
-use crate::calibration::{Answer, Data, Options, Refusal, joint, result};
+use crate::calibration::{Answer, Data, Options, Refusal, history, joint, result};
 use crate::cli::progress::Phase;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
@@ -56,34 +56,36 @@ struct Solve {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        self.what.run(common, |data| match self.method {
-            Method::Joint => joint(
-                data,
-                &Options {
-                    without_statics: self.no_statics,
-                    closer_looks: true,
-                    ..Options::default()
-                },
-            ),
-            Method::Paper => paper(
-                data,
-                &Weights {
-                    term: if self.literal {
-                        AnchorTerm::SquaredMetres
-                    } else {
-                        AnchorTerm::Millimetres
+        self.what
+            .run(common, "calibrate all", |data| match self.method {
+                Method::Joint => joint(
+                    data,
+                    &Options {
+                        without_statics: self.no_statics,
+                        closer_looks: true,
+                        ..Options::default()
                     },
-                    ..Weights::default()
-                },
-            ),
-        })
+                ),
+                Method::Paper => paper(
+                    data,
+                    &Weights {
+                        term: if self.literal {
+                            AnchorTerm::SquaredMetres
+                        } else {
+                            AnchorTerm::Millimetres
+                        },
+                        ..Weights::default()
+                    },
+                ),
+            })
     }
 }
 
 impl FrameCmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        self.what
-            .run(common, |data| joint(data, &Options::frame_only()))
+        self.what.run(common, "calibrate frame", |data| {
+            joint(data, &Options::frame_only())
+        })
     }
 }
 
@@ -96,7 +98,7 @@ impl CameraCmd {
             )
             .into());
         }
-        self.what.run(common, |data| {
+        self.what.run(common, "calibrate camera", |data| {
             let mut data = data.clone();
             data.keep_frame_of(&robot);
             joint(&data, &Options::camera_only())
@@ -105,7 +107,13 @@ impl CameraCmd {
 }
 
 impl Solve {
-    fn run(&self, common: &Common, solve: impl Fn(&Data) -> Result<Answer, Refusal>) -> Outcome {
+    /// `cause` is what the history of the calibration says of it.
+    fn run(
+        &self,
+        common: &Common,
+        cause: &str,
+        solve: impl Fn(&Data) -> Result<Answer, Refusal>,
+    ) -> Outcome {
         let (data, designed) = match &self.data {
             Some(file) => {
                 let what = format!("calibration data {}", file.display());
@@ -141,11 +149,20 @@ impl Solve {
             Some(robot) => {
                 let document = refusable(common, result::document(&robot, &data, &answer))?;
                 let out = self.out.clone();
-                let path = out.unwrap_or_else(|| result::path_for(&common.robot));
+                let used = result::path_for(&common.robot);
+                let path = out.unwrap_or_else(|| used.clone());
                 if !common.dry_run {
+                    // A proposal elsewhere is not in use yet.
+                    let counts = path == used;
+                    if counts && result::apply(&robot, &path).is_ok() {
+                        history::remember(&robot, &path, "found in use")?;
+                    }
                     let text = serde_json::to_string_pretty(&document);
                     let text = text.map_err(Failed::from_error("the calibration"))?;
                     result::write_whole(&path, format!("{text}\n"))?;
+                    if counts {
+                        history::remember(&robot, &path, cause)?;
+                    }
                 }
                 Some(path)
             }

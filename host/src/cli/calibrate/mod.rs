@@ -3,6 +3,7 @@
 mod all;
 mod check;
 pub(crate) mod collect;
+mod history;
 mod plan;
 mod study;
 mod target;
@@ -33,6 +34,7 @@ enum What {
     Check(check::Cmd),
     Study(study::Cmd),
     Winch(winch::Cmd),
+    History(history::Cmd),
     Tension(tension::Cmd),
 }
 
@@ -49,6 +51,7 @@ impl Cmd {
             What::Verify(cmd) => cmd.run(common),
             What::Study(cmd) => cmd.run(common),
             What::Winch(cmd) => cmd.run(common),
+            What::History(cmd) => cmd.run(common),
             What::Tension(cmd) => cmd.run(common),
         }
     }

@@ -2,7 +2,7 @@
 
 use super::Node;
 use crate::calibration::collect::{CollectError, Options, Step, collect};
-use crate::calibration::{Answer, Data, Options as Solving, joint, result};
+use crate::calibration::{Answer, Data, Options as Solving, history, joint, result};
 use crate::cli::calibrate::collect::{Keeper, data_path};
 use crate::cli::line::in_words;
 use crate::link::{Client, Link, meanwhile};
@@ -134,6 +134,7 @@ impl Node<'_> {
         let document = result::document(model.robot(), data, &answer)?;
         let path: PathBuf = result::path_for(&self.common.robot);
         result::write_whole(&path, format!("{document:#}\n"))?;
+        history::remember(model.robot(), &path, "calibrated by ROS")?;
         Ok(format!(
             "predicted position error {:.2} mm; written to {}, which `mcdpr ros` uses when it starts again",
             answer.predicted_error_m * 1e3,

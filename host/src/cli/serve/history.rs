@@ -63,7 +63,17 @@ impl History {
                      run,
                      robot,
                      judgement,
-                 }| { ("text/html", html::report(&run, &robot, &judgement)) },
+                 }| {
+                    (
+                        "text/html",
+                        html::report(
+                            &run,
+                            &robot,
+                            &judgement,
+                            crate::cli::report::tube(&run).as_deref(),
+                        ),
+                    )
+                },
             ),
             [name, "traces", from_s, to_s, columns] => self
                 .part(name, [from_s, to_s], columns)

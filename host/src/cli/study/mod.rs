@@ -8,6 +8,7 @@ mod power;
 mod real;
 mod robots;
 mod tension;
+mod tube;
 mod winch;
 
 use super::{Common, Outcome};
@@ -29,6 +30,7 @@ enum Which {
     Real(real::Cmd),
     Robots(robots::Cmd),
     Tension(tension::Cmd),
+    Tube(tube::Cmd),
     Winch(winch::Cmd),
 }
 
@@ -47,6 +49,7 @@ impl Cmd {
             Which::Real(cmd) => cmd.run(common),
             Which::Robots(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
+            Which::Tube(cmd) => cmd.run(common),
             Which::Winch(cmd) => cmd.run(common),
         }
     }

@@ -13,6 +13,8 @@ pub(super) struct Kept {
     used: PathBuf,
     /// Commands apply it.
     applied: bool,
+    /// The robot, by name or file.
+    robot: String,
 }
 
 impl Kept {
@@ -23,7 +25,11 @@ impl Kept {
             Some(file) => (PathBuf::from(file), true),
             None => (beside, true),
         };
-        Self { used, applied }
+        Self {
+            used,
+            applied,
+            robot: common.robot.clone(),
+        }
     }
 
     /// Where a step puts its result.
@@ -62,9 +68,26 @@ impl Kept {
             Err(error) if error.kind() == io::ErrorKind::NotFound => write(&self.before(), "")?,
             Err(error) => return Err(failed(&self.used, &error)),
         }
+        let before = self.remember("found in use");
         write(&self.used, &text)?;
         remove(&proposal)?;
-        Ok(self.status())
+        Ok(self.remembered(before, "accepted on the page"))
+    }
+
+    /// Takes the calibration in use into its history.
+    fn remember(&self, cause: &str) -> Result<(), String> {
+        let robot = crate::robot::find(&self.robot).map_err(|error| error.to_string())?;
+        let done = crate::calibration::history::remember(&robot, &self.used, cause);
+        done.map(|_| ()).map_err(|error| error.to_string())
+    }
+
+    /// The state after a change. What is used counts, also where its history cannot be written: that is said.
+    fn remembered(&self, before: Result<(), String>, cause: &str) -> Value {
+        let mut status = self.status();
+        if let Err(reason) = before.and_then(|()| self.remember(cause)) {
+            status["history_failed"] = json!(reason);
+        }
+        status
     }
 
     /// Does not use the proposal. It stays as a file.
@@ -85,7 +108,7 @@ impl Kept {
             write(&self.used, &old)?;
         }
         remove(&self.before())?;
-        Ok(self.status())
+        Ok(self.remembered(Ok(()), "went back on the page"))
     }
 }
 
@@ -140,6 +163,7 @@ mod tests {
         let kept = Kept {
             used: used.clone(),
             applied: true,
+            robot: "lab-fast".to_owned(),
         };
         let read = |path: &Path| std::fs::read_to_string(path).ok();
         assert!(kept.accept().is_err() && kept.back().is_err() && kept.discard().is_err());

@@ -1,0 +1,351 @@
+//! How far the tool moves for each error of the machine, at one time of a plan.
+
+use super::belief::{Errors, PER_CABLE};
+use crate::motion::{Model, Plan, PlanError, StaticState};
+use crate::robot::Robot;
+use mcdpr_kinematics::{CablePath, CableVec, GRAVITY_MPS2, Pose};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Half of the time over which speed and acceleration are taken, s.
+const HALF_S: f64 = 0.02;
+/// Displacement for numerical derivatives of the cables' directions, m.
+const STEP_M: f64 = 1e-6;
+
+/// How a plan moves at a time.
+pub(super) struct Motion {
+    /// Of each cable, m/s.
+    length_mps: Vec<f64>,
+    /// Of the tool, world, m/s2.
+    acceleration_mps2: Vector3<f64>,
+}
+
+impl Motion {
+    pub(super) fn at(plan: &Plan, time_s: f64) -> Result<Self, PlanError> {
+        let [before, after] = [time_s - HALF_S, time_s + HALF_S];
+        let end_s = plan.timed.duration_s();
+        let [before, after] = [before.max(0.0), after.min(end_s)];
+        let span_s = (after - before).max(1e-3);
+        let [from, to] = [plan.timed.lengths_m(before)?, plan.timed.lengths_m(after)?];
+        // Before its start and after its end a plan rests.
+        let place = |at_s: f64| plan.timed.tool_m(at_s.clamp(0.0, end_s));
+        let bend = place(time_s - HALF_S)? - place(time_s)? * 2.0 + place(time_s + HALF_S)?;
+        Ok(Self {
+            length_mps: to
+                .iter()
+                .zip(&from)
+                .map(|(b, a)| (b - a) / span_s)
+                .collect(),
+            acceleration_mps2: bend / (HALF_S * HALF_S),
+        })
+    }
+}
+
+/// The robot at one time of a plan.
+pub(super) struct Instant<'a> {
+    pub(super) model: &'a Model,
+    pub(super) errors: Errors,
+    pub(super) rest: &'a StaticState,
+    /// Where the lengths were taken.
+    pub(super) home: Option<&'a (CableVec<CablePath>, StaticState)>,
+    pub(super) home_m: f64,
+    /// Dahl's friction of each pulley: 1 hauled in, -1 paid out.
+    pub(super) rubbed: &'a [f64],
+    pub(super) motion: &'a Motion,
+}
+
+impl Instant<'_> {
+    /// Slopes of the tool (3 x errors), and its covariance by an inexact home, m2.
+    pub(super) fn slopes(&self) -> Option<(DMatrix<f64>, Matrix3<f64>)> {
+        let robot = self.model.robot();
+        let geometry = self.model.geometry();
+        let count = self.errors.cables;
+        let pose = &self.rest.equilibrium.pose;
+        let paths = geometry.paths(pose).ok()?;
+        let mut turning = vec![Matrix3::zeros(); count];
+        for axis in 0..3 {
+            let mut by = Vector3::zeros();
+            by[axis] = STEP_M;
+            let moved = geometry
+                .paths(&pose.displaced(&by, &Vector3::zeros()))
+                .ok()?;
+            for (turn, (to, from)) in turning.iter_mut().zip(moved.iter().zip(paths.iter())) {
+                turn.set_column(axis, &((to.direction - from.direction) / STEP_M));
+            }
+        }
+        let balance = Balance {
+            robot,
+            pose,
+            tensions_n: self.rest.tensions_n(),
+            paths: &paths,
+            turning: &turning,
+        };
+        let rows = count + 6;
+        let by_length = self.model.holding().by_length();
+        let mut matrix = DMatrix::zeros(rows, rows);
+        for k in 0..6 {
+            let mut twist = [Vector3::zeros(); 2];
+            twist[k / 3][k % 3] = 1.0;
+            let mut column = vec![0.0; rows];
+            for &i in by_length {
+                let path = paths.get(i)?;
+                let arm = path.attachment_m - pose.position_m;
+                column[i] = path.direction.dot(&(twist[0] + twist[1].cross(&arm)));
+            }
+            balance.moved(&twist[0], &twist[1], column.get_mut(count..)?);
+            matrix.set_column(k, &DVector::from_vec(column));
+        }
+        for i in 0..count {
+            let mut column = vec![0.0; rows];
+            let cable = robot.cables.get(i)?;
+            column[i] = if by_length.contains(&i) {
+                -(self.rest.paid_out_m.get(i)? + cable.routing_length_m) / cable.ea_n
+            } else {
+                1.0
+            };
+            balance.pulled(i, 1.0, column.get_mut(count..)?);
+            matrix.set_column(6 + i, &DVector::from_vec(column));
+        }
+        // The tool per pose, and through the transposed system per residual.
+        let arm = pose.rotation * robot.tool.tcp_in_platform_m;
+        let mut tool = DMatrix::zeros(rows, 3);
+        for axis in 0..3 {
+            tool[(axis, axis)] = 1.0;
+            let mut turn = Vector3::zeros();
+            turn[axis] = 1.0;
+            let by_turn = turn.cross(&arm);
+            for k in 0..3 {
+                tool[(3 + axis, k)] = by_turn[k];
+            }
+        }
+        let adjoint = matrix.transpose().lu().solve(&tool)?;
+        if adjoint.iter().any(|value| !value.is_finite()) {
+            return None;
+        }
+        let mut slopes = DMatrix::zeros(3, self.errors.count());
+        for k in 0..self.errors.count() {
+            let residual = DVector::from_vec(self.residual(k, &balance, by_length)?);
+            slopes.set_column(k, &-(adjoint.transpose() * residual));
+        }
+        let mut at_home = Matrix3::zeros();
+        if let Some((home, _)) = self.home {
+            for axis in 0..3 {
+                let mut residual = DVector::zeros(rows);
+                for &i in by_length {
+                    residual[i] = -home.get(i)?.direction[axis] * self.home_m;
+                }
+                let by = -(adjoint.transpose() * residual);
+                let by = Vector3::new(by[0], by[1], by[2]);
+                at_home += by * by.transpose();
+            }
+        }
+        Some((slopes, at_home))
+    }
+
+    /// What one error of size 1 leaves in the equations: lengths or tensions of the cables, then forces
+    /// and moments.
+    fn residual(
+        &self,
+        error: usize,
+        balance: &Balance<'_>,
+        by_length: &[usize],
+    ) -> Option<Vec<f64>> {
+        let errors = self.errors;
+        let robot = balance.robot;
+        let mut out = vec![0.0; errors.cables + 6];
+        let (cables, forces) = out.split_at_mut(errors.cables);
+        if error < errors.shared() {
+            let i = error / PER_CABLE;
+            self.cable_residual(
+                i,
+                error % PER_CABLE,
+                balance,
+                by_length.contains(&i),
+                cables,
+            )?;
+            if error % PER_CABLE < 6 {
+                balance.refixed(i, &geometric(balance.pose, error % PER_CABLE), forces);
+                if error % PER_CABLE >= 3 {
+                    balance.rearmed(i, &geometric(balance.pose, error % PER_CABLE), forces);
+                }
+            }
+            return Some(out);
+        }
+        let pose = balance.pose;
+        let center = pose.rotation * robot.platform.center_of_mass_m;
+        let unit = |axis: usize| Vector3::from_fn(|k, _| if k == axis { 1.0 } else { 0.0 });
+        let down = Vector3::new(0.0, 0.0, -GRAVITY_MPS2);
+        let mass_kg = robot.platform.mass_kg;
+        match error - errors.shared() {
+            0 => put(forces, &down, &center.cross(&down)),
+            axis @ 1..=3 => {
+                let shift = pose.rotation * unit(axis - 1);
+                put(forces, &Vector3::zeros(), &shift.cross(&(down * mass_kg)));
+            }
+            4 => {
+                // The sensor sits before the pulley: hauling in, the platform feels less.
+                for i in (0..errors.cables).filter(|i| !by_length.contains(i)) {
+                    let side = self.rubbed.get(i).copied().unwrap_or(0.0);
+                    *cables.get_mut(i)? = balance.tensions_n.get(i)? * side;
+                }
+            }
+            5 => {
+                let tool = pose.rotation * robot.tool.tcp_in_platform_m;
+                put(forces, &down, &tool.cross(&down));
+            }
+            axis @ 6..=8 => put(forces, &unit(axis - 6), &center.cross(&unit(axis - 6))),
+            axis @ 9..=11 => put(forces, &Vector3::zeros(), &unit(axis - 9)),
+            12 => {
+                for &i in by_length {
+                    *cables.get_mut(i)? = *self.motion.length_mps.get(i)?;
+                }
+            }
+            _ => {
+                let inertia = self.motion.acceleration_mps2 * -mass_kg;
+                put(forces, &inertia, &center.cross(&inertia));
+            }
+        }
+        Some(out)
+    }
+
+    /// The part of a cable's own error in its length or tension.
+    fn cable_residual(
+        &self,
+        i: usize,
+        kind: usize,
+        balance: &Balance<'_>,
+        by_length: bool,
+        cables: &mut [f64],
+    ) -> Option<()> {
+        let cable = balance.robot.cables.get(i)?;
+        let tension_n = *balance.tensions_n.get(i)?;
+        if !by_length {
+            *cables.get_mut(i)? = match kind {
+                9 => tension_n,
+                10 => 1.0,
+                _ => 0.0,
+            };
+            return Some(());
+        }
+        let paid_out_m = *self.rest.paid_out_m.get(i)?;
+        let path = balance.paths.get(i)?;
+        let at_home = self.home.and_then(|(paths, rest)| {
+            let tension = *rest.tensions_n().get(i)?;
+            Some((paths.get(i)?, rest, tension, *rest.paid_out_m.get(i)?))
+        });
+        let at_rest = tension_n / cable.ea_n;
+        let value = match kind {
+            0..=5 => {
+                let sign = if kind < 3 { -1.0 } else { 1.0 };
+                let here = path.direction.dot(&geometric(balance.pose, kind)) * sign;
+                // Lengths taken at home contain the error that the geometry has there.
+                let there = at_home.map_or(0.0, |(home, rest, ..)| {
+                    let shift = geometric(&rest.equilibrium.pose, kind);
+                    home.direction.dot(&shift) * sign
+                });
+                here - there
+            }
+            6 => -1.0,
+            7 => -(paid_out_m - at_home.map_or(self.zeroed_m(i), |(.., home_m)| home_m)),
+            8 => {
+                let here = -(paid_out_m + cable.routing_length_m) * at_rest;
+                let there = at_home.map_or(0.0, |(_, _, tension, home_m)| {
+                    -(home_m + cable.routing_length_m) * tension / cable.ea_n
+                });
+                here - there
+            }
+            11 => *self.motion.length_mps.get(i)?,
+            _ => 0.0,
+        };
+        *cables.get_mut(i)? = value;
+        Some(())
+    }
+
+    /// Paid-out length where the encoder was zeroed, m.
+    fn zeroed_m(&self, cable: usize) -> f64 {
+        let calibrated = self.model.robot().calibrated.as_deref();
+        let home = calibrated.and_then(|known| known.home_lengths_m.get(cable).copied());
+        home.unwrap_or(0.0)
+    }
+}
+
+/// A unit error of an anchor (kinds 0 to 2, world) or an attachment (3 to 5, platform's frame), world.
+fn geometric(pose: &Pose, kind: usize) -> Vector3<f64> {
+    let mut unit = Vector3::zeros();
+    unit[kind % 3] = 1.0;
+    if kind < 3 { unit } else { pose.rotation * unit }
+}
+
+fn put(out: &mut [f64], force: &Vector3<f64>, moment: &Vector3<f64>) {
+    for (slot, value) in out.iter_mut().zip(force.iter().chain(moment.iter())) {
+        *slot += value;
+    }
+}
+
+/// Forces and moments about the platform's origin, and how they change.
+struct Balance<'a> {
+    robot: &'a Robot,
+    pose: &'a Pose,
+    tensions_n: &'a [f64],
+    paths: &'a [CablePath],
+    /// Direction of each cable per displacement of its attachment, 1/m.
+    turning: &'a [Matrix3<f64>],
+}
+
+impl Balance<'_> {
+    fn arm(&self, path: &CablePath) -> Vector3<f64> {
+        path.attachment_m - self.pose.position_m
+    }
+
+    /// The platform moves and turns.
+    fn moved(&self, shift: &Vector3<f64>, turn: &Vector3<f64>, out: &mut [f64]) {
+        let cables = self.paths.iter().zip(self.turning).zip(self.tensions_n);
+        for ((path, turning), tension_n) in cables {
+            let arm = self.arm(path);
+            let swept = turn.cross(&arm);
+            let pull = turning * (shift + swept) * -*tension_n;
+            let moment = swept.cross(&(path.direction * -*tension_n)) + arm.cross(&pull);
+            put(out, &pull, &moment);
+        }
+        let platform = &self.robot.platform;
+        let weight = Vector3::new(0.0, 0.0, -GRAVITY_MPS2 * platform.mass_kg);
+        let center = self.pose.rotation * platform.center_of_mass_m;
+        put(out, &Vector3::zeros(), &turn.cross(&center).cross(&weight));
+    }
+
+    /// A cable's tension changes.
+    fn pulled(&self, i: usize, by_n: f64, out: &mut [f64]) {
+        if let Some(path) = self.paths.get(i) {
+            let pull = path.direction * -by_n;
+            put(out, &pull, &self.arm(path).cross(&pull));
+        }
+    }
+
+    /// An anchor moves by `shift`, or an attachment by it, the other way round: the cable turns.
+    fn refixed(&self, i: usize, shift: &Vector3<f64>, out: &mut [f64]) {
+        let cable = (
+            self.paths.get(i),
+            self.turning.get(i),
+            self.tensions_n.get(i),
+        );
+        if let (Some(path), Some(turning), Some(tension_n)) = cable {
+            let pull = turning * shift * *tension_n;
+            put(out, &pull, &self.arm(path).cross(&pull));
+        }
+    }
+
+    /// What an attachment's move does besides [`Self::refixed`]: the cable turns the other way, and the
+    /// same pull acts at another place.
+    fn rearmed(&self, i: usize, shift: &Vector3<f64>, out: &mut [f64]) {
+        let cable = (
+            self.paths.get(i),
+            self.turning.get(i),
+            self.tensions_n.get(i),
+        );
+        if let (Some(path), Some(turning), Some(tension_n)) = cable {
+            let pull = turning * shift * (-2.0 * tension_n);
+            put(out, &pull, &self.arm(path).cross(&pull));
+            let moment = shift.cross(&(path.direction * -*tension_n));
+            put(out, &Vector3::zeros(), &moment);
+        }
+    }
+}

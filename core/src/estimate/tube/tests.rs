@@ -1,0 +1,145 @@
+//! Slopes against statics solved again, and the quantile against draws.
+
+use super::slopes::{Instant, Motion};
+use super::*;
+use crate::motion::{Model, Step, path::Path};
+use crate::random::Random;
+use crate::robot::Robot;
+use nalgebra::Vector3;
+
+fn plan(model: &Model) -> Plan {
+    let home = model.robot().tool.home_in_world_m;
+    let to = home + Vector3::new(0.08, 0.06, 0.03);
+    let steps = [Step::Move {
+        path: Path::through(&[home, to]).unwrap(),
+        duration_s: None,
+        speed_mps: Some(0.05),
+    }];
+    Plan::new(model, &home, &steps).unwrap()
+}
+
+/// Where the tool hangs on a machine with one error, under what the plan commands at its end.
+fn shifted(model: &Model, plan: &Plan, change: &dyn Fn(&mut Robot)) -> Vector3<f64> {
+    let rest = plan.state(plan.timed.duration_s()).unwrap();
+    let mut robot = model.robot().clone();
+    change(&mut robot);
+    let other = Model::new(&robot).unwrap();
+    let mut hanging = other
+        .rest_from_lengths(&rest.paid_out_m, rest.tensions_n())
+        .unwrap();
+    // The stretch of the first answer is that of the tensions given: again with its own.
+    for _ in 0..20 {
+        let tensions: Vec<f64> = (0..robot.cables.len())
+            .map(|i| {
+                if model.holding().by_length().contains(&i) {
+                    hanging.tensions_n()[i]
+                } else {
+                    rest.tensions_n()[i]
+                }
+            })
+            .collect();
+        hanging = other
+            .rest_from_lengths(&rest.paid_out_m, &tensions)
+            .unwrap();
+    }
+    other.tool_m(&hanging)
+}
+
+#[test]
+fn a_slope_is_what_statics_solved_again_say() {
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let plan = plan(&model);
+    let end_s = plan.timed.duration_s();
+    let rest = plan.state(end_s).unwrap();
+    let errors = Errors { cables: 4 };
+    let motion = Motion::at(&plan, end_s).unwrap();
+    let rubbed = [0.0; 4];
+    let (slopes, _) = Instant {
+        model: &model,
+        errors,
+        rest: &rest,
+        home: None,
+        home_m: 0.0,
+        rubbed: &rubbed,
+        motion: &motion,
+    }
+    .slopes()
+    .unwrap();
+    let before = shifted(&model, &plan, &|_| {});
+    let small = 1e-4;
+    let check = |error: usize, size: f64, change: &dyn Fn(&mut Robot)| {
+        let moved = (shifted(&model, &plan, change) - before) / size;
+        let said = Vector3::new(slopes[(0, error)], slopes[(1, error)], slopes[(2, error)]);
+        let off = (moved - said).norm() / moved.norm().max(1e-3);
+        assert!(off < 0.02, "error {error}: {said} said, {moved} solved");
+    };
+    for cable in 0..4 {
+        for axis in 0..3 {
+            check(errors.anchor(cable) + axis, small, &|robot| {
+                robot.cables[cable].anchor_in_world_m[axis] += small;
+            });
+            check(errors.attachment(cable) + axis, small, &|robot| {
+                robot.cables[cable].attachment_in_platform_m[axis] += small;
+            });
+        }
+    }
+    for cable in 0..3 {
+        check(errors.compliance(cable), 0.01, &|robot| {
+            robot.cables[cable].ea_n /= 1.01;
+        });
+    }
+    check(errors.mass(), 0.01, &|robot| robot.platform.mass_kg += 0.01);
+    for axis in 0..3 {
+        check(errors.center() + axis, small, &|robot| {
+            robot.platform.center_of_mass_m[axis] += small;
+        });
+    }
+}
+
+#[test]
+fn the_radius_holds_95_percent_of_draws() {
+    let mut random = Random::new(11);
+    for sigmas in [
+        [1.0, 1.0, 1.0],
+        [1.0, 0.3, 0.1],
+        [1.0, 0.0, 0.0],
+        [1.0, 1.0, 0.1],
+    ] {
+        let covariance = Matrix3::from_diagonal(&Vector3::from(sigmas).map(|s| s * s));
+        let radius = radius_m(&covariance);
+        let inside = (0..40_000)
+            .filter(|_| {
+                let at = Vector3::from(sigmas).map(|sigma| sigma * random.normal());
+                at.norm() <= radius
+            })
+            .count();
+        let share = inside as f64 / 40_000.0;
+        assert!((0.943..=0.957).contains(&share), "{sigmas:?}: {share}");
+    }
+}
+
+#[test]
+fn a_tube_is_narrow_at_home_and_wide_far_from_it_and_grows_with_doubt() {
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let plan = plan(&model);
+    let tube = |doubts: &Doubts| {
+        let belief = Belief::of(model.robot(), doubts);
+        Tube::along(&plan, &belief).unwrap().unwrap()
+    };
+    let measured = tube(&Doubts::within(3e-4));
+    let built = tube(&Doubts::within(5e-3));
+    assert!(
+        built.widest.radius_m > 1.5 * measured.widest.radius_m,
+        "{} {}",
+        built.words(),
+        measured.words()
+    );
+    let (first, last) = (built.points[0], built.points[built.points.len() - 1]);
+    assert!(last.radius_m > 1.5 * first.radius_m, "{first:?} {last:?}");
+    assert!(built.mostly.0.contains("anchors"), "{:?}", built.mostly);
+    let loaded = tube(&Doubts {
+        payload_kg: 1.0,
+        ..Doubts::within(3e-4)
+    });
+    assert!(loaded.mean_m > measured.mean_m);
+}

@@ -1,0 +1,46 @@
+//! Time of one update of the tracker of slow states, beside one plan's equilibrium in the same run.
+//!
+//! `cargo run --release -p mcdpr-tests --example track_time`
+
+use mcdpr::estimate::Measurements;
+use mcdpr::estimate::track::{Prior, Tracker};
+use mcdpr::motion::Model;
+use nalgebra::Vector3;
+use std::time::Instant;
+
+/// Updates that are timed.
+const UPDATES: u32 = 400;
+
+fn main() {
+    for name in ["lab-fast", "eight-cable"] {
+        let model = Model::new(&mcdpr::robot::find(name).unwrap()).unwrap();
+        let home = model.robot().tool.home_in_world_m;
+        let count = model.robot().cables.len();
+        let rests: Vec<_> = (0..UPDATES)
+            .map(|index| {
+                let turn = f64::from(index) * 0.7;
+                let by = Vector3::new(turn.cos(), turn.sin(), 0.0) * 0.05;
+                model.rest(&(home + by), None).unwrap()
+            })
+            .collect();
+        let began = Instant::now();
+        for rest in &rests {
+            std::hint::black_box(model.rest(&model.tool_m(rest), Some(rest)).unwrap());
+        }
+        let plan_us = began.elapsed().as_secs_f64() * 1e6 / f64::from(UPDATES);
+        let mut tracker = Tracker::new(&model, &Prior::default());
+        let began = Instant::now();
+        for rest in &rests {
+            let measured = Measurements {
+                lengths_m: rest.paid_out_m.clone(),
+                tensions_n: rest.tensions_n().to_vec(),
+                ..Measurements::default()
+            };
+            tracker.pass(1.0, rest.tensions_n());
+            let hauled = vec![0.0; count];
+            std::hint::black_box(tracker.rest(&measured, &hauled, &rest.equilibrium.pose));
+        }
+        let track_us = began.elapsed().as_secs_f64() * 1e6 / f64::from(UPDATES);
+        println!("{name}: {track_us:.0} us per update, {plan_us:.0} us per equilibrium of a plan");
+    }
+}
