@@ -39,6 +39,7 @@ fn interrupted(model: &Model, supply: Supply, disturbance: Disturbance) -> After
         at_s: 0.8,
         lasts_s: 1.0,
         disturbance,
+        seen_at_home: false,
         controller: Controller::InProcess,
     };
     simulate(model, &cut).unwrap().unwrap()
@@ -339,6 +340,7 @@ fn p2_on_the_emulated_chip_a_cut_is_recovered_and_the_task_continues() {
         at_s: 0.8,
         lasts_s: 1.0,
         disturbance: Disturbance::None,
+        seen_at_home: true,
         controller: Controller::Chip(mcdpr_tests::chip::firmware()),
     };
     let after = simulate(&model, &cut).unwrap().unwrap();

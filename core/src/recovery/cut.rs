@@ -74,7 +74,7 @@ impl Lengths {
         let count = lengths_m.len();
         Self {
             mean_m: DVector::from_column_slice(lengths_m),
-            covariance_m2: DMatrix::identity(count, count) * KNOWN_M.powi(2),
+            covariance_m2: DMatrix::identity(count, count) * super::tune("KNOWN", KNOWN_M).powi(2),
         }
     }
 
@@ -188,7 +188,7 @@ pub(crate) fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut:
     if let Some(slopes) = slopes(model, rest) {
         let mean_square_s2 = cut.unseen_s.powi(2) + cut.unseen_sd_s.powi(2);
         let way_s2 = 0.5 * mean_square_s2 + cut.unseen_s * HELD_S;
-        let sigma_m = UNSEEN_SHARE * model.robot().limits.acceleration_mps2 * way_s2;
+        let sigma_m = super::tune("UNSEEN", UNSEEN_SHARE) * model.robot().limits.acceleration_mps2 * way_s2;
         lengths.covariance_m2 += &slopes * slopes.transpose() * sigma_m.powi(2);
     }
     lengths

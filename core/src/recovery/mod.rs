@@ -4,16 +4,22 @@
 //! [`journal`] is the file that survives: the last states of a run in records with checksums. [`cut`]
 //! models the drums between the cut and the closed brakes, with covariance. [`looks`] finds motion and
 //! slack cables in the readings. [`fuse`] estimates by lengths, tensions and tags with least squares.
+//! [`reference`] is where the camera saw the tags when the robot was homed.
 //! [`gentle`] locates by winding one cable after the other. [`verdict`] accepts with a bound, or refuses and
 //! names the next measurement.
 
+fn tune(name: &str, default: f64) -> f64 {
+    std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
+}
 pub mod cut;
 pub mod fuse;
 pub mod gentle;
 pub mod journal;
 pub mod looks;
+pub mod reference;
 pub mod verdict;
 mod weigh;
 
 pub use journal::{Identity, Journal, JournalError, Kept, Plan};
 pub use verdict::{Evidence, Source, Verdict, judge};
+pub use weigh::reference_of;
