@@ -71,6 +71,39 @@ fn p2_with_a_tag_in_view_every_cut_is_recovered_within_a_millimetre() {
 }
 
 #[test]
+fn p2_a_view_of_the_tag_at_homing_makes_the_recovery_more_exact() {
+    let model = model("lab-fast");
+    let mut cut = SimulatedCut {
+        task: task(&model),
+        mismatch: Mismatch::realistic(),
+        seed: 3,
+        supply: Supply::All,
+        at_s: 0.8,
+        lasts_s: 1.0,
+        disturbance: Disturbance::None,
+        seen_at_home: false,
+        controller: Controller::InProcess,
+    };
+    let mut bounds_mm = Vec::new();
+    for seen_at_home in [false, true] {
+        cut.seen_at_home = seen_at_home;
+        let played = simulate(&model, &cut).unwrap().unwrap();
+        assert_eq!(played.reference.is_some(), seen_at_home);
+        let (verdict, off_mm) = recovered(&model, &played, true, false);
+        assert!(verdict.accepted, "{}", verdict.sentence);
+        assert!(off_mm < 1.0, "{off_mm} mm");
+        let used = verdict.used.join("; ");
+        assert_eq!(
+            used.contains("when the robot was homed"),
+            seen_at_home,
+            "{used}"
+        );
+        bounds_mm.push(verdict.bound_mm.unwrap());
+    }
+    assert!(bounds_mm[1] < 0.7 * bounds_mm[0], "{bounds_mm:?}");
+}
+
+#[test]
 fn p2_without_a_camera_lost_counts_need_the_users_confirmation() {
     let model = model("paper-table5");
     for supply in [Supply::Board, Supply::All] {

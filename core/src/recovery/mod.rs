@@ -8,9 +8,6 @@
 //! [`gentle`] locates by winding one cable after the other. [`verdict`] accepts with a bound, or refuses and
 //! names the next measurement.
 
-fn tune(name: &str, default: f64) -> f64 {
-    std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
-}
 pub mod cut;
 pub mod fuse;
 pub mod gentle;

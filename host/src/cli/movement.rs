@@ -274,7 +274,8 @@ impl Home {
         let calibrated = robot.calibrated.as_ref();
         let places = calibrated.map_or(Vec::new(), |calibrated| calibrated.places.clone());
         if places.is_empty() {
-            let reason = "this robot file has no places of tags: calibrate first, with `mcdpr calibrate`";
+            let reason =
+                "this robot file has no places of tags: calibrate first, with `mcdpr calibrate`";
             return Err(Failed::from_error("--camera")(reason).into());
         }
         // Homing and the look after it use the same camera, one after the other.

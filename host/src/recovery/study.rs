@@ -57,6 +57,8 @@ pub struct Case {
     pub supply: &'static str,
     /// Whether a view at homing was kept.
     pub seen_at_home: bool,
+    /// Whether the estimate used a tag.
+    pub by_tag: bool,
     /// Speed of the tool at the cut, mm/s.
     pub speed_mm_s: f64,
     /// How far it fell, mm.
@@ -132,9 +134,13 @@ pub struct Figures {
     pub median_mm: Option<f64>,
     /// Largest error of the accepted, mm.
     pub most_mm: Option<f64>,
-    /// How many of the accepted are off by at most 1 mm.
+    /// How many of the accepted used a tag.
+    pub by_tag: usize,
+    /// Their median error, mm.
+    pub by_tag_median_mm: Option<f64>,
+    /// How many of these are off by at most 1 mm.
     pub within_1_mm: usize,
-    /// Median of the accepted errors over that of homing, mm.
+    /// Median of their errors over that of homing, mm.
     pub since_homing_median_mm: Option<f64>,
     /// How many of those are at most 1 mm.
     pub since_homing_within_1_mm: usize,
@@ -174,7 +180,9 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
     let cases: Vec<_> = cases.collect();
     let accepted: Vec<_> = cases.iter().filter(|case| case.accepted).collect();
     let errors: Vec<f64> = accepted.iter().filter_map(|case| case.error_mm).collect();
-    let since_homing = accepted.iter().filter_map(|case| case.since_homing_mm);
+    let seen = || accepted.iter().filter(|case| case.by_tag);
+    let by_tag: Vec<f64> = seen().filter_map(|case| case.error_mm).collect();
+    let since_homing = seen().filter_map(|case| case.since_homing_mm);
     let since_homing: Vec<f64> = since_homing.collect();
     let drops: Vec<f64> = cases.iter().map(|case| case.drop_mm).collect();
     let bounds: Vec<f64> = accepted.iter().filter_map(|case| case.bound_mm).collect();
@@ -204,7 +212,9 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
         refused: 1.0 - accepted.len() as f64 / cases.len().max(1) as f64,
         median_mm: median(&errors),
         most_mm: most(errors.iter().copied()),
-        within_1_mm: errors.iter().filter(|error| **error <= 1.0).count(),
+        by_tag: by_tag.len(),
+        by_tag_median_mm: median(&by_tag),
+        within_1_mm: by_tag.iter().filter(|error| **error <= 1.0).count(),
         since_homing_median_mm: median(&since_homing),
         since_homing_within_1_mm: since_homing.iter().filter(|error| **error <= 1.0).count(),
         inside: inside(|case| case.bound_mm),
@@ -237,7 +247,10 @@ pub fn study(
     model.rest_at_home()?;
     let cases: Result<Vec<_>, RunError> = seeds
         .into_par_iter()
-        .filter(|seed| what.kind_of(*seed).is_some_and(|kind| what.kinds.contains(&kind)))
+        .filter(|seed| {
+            what.kind_of(*seed)
+                .is_some_and(|kind| what.kinds.contains(&kind))
+        })
         .map(|seed| case(model, seed, what, controller))
         .collect();
     Ok(cases?.into_iter().flatten().collect())
@@ -280,7 +293,6 @@ fn task(random: &mut Random, model: &Model) -> Option<(Task, f64)> {
     }
     None
 }
-
 
 fn case(
     model: &Model,
@@ -375,6 +387,7 @@ fn case(
         let off_m = Vector3::from(tool_mm) * 1e-3 - truth_m - after.homed_off_m;
         off_m.norm() * 1e3
     });
+    let by_tag = verdict.used.iter().any(|used| used.contains("tags"));
     let name = Supply::ALL.iter().find(|(known, _)| *known == supply);
     let Verdict {
         accepted,
@@ -391,6 +404,7 @@ fn case(
         camera,
         supply: name.map_or("", |(_, name)| name),
         seen_at_home: after.reference.is_some(),
+        by_tag,
         speed_mm_s: after.speed_mps * 1e3,
         drop_mm: after.drop_m * 1e3,
         accepted,

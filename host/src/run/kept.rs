@@ -24,7 +24,8 @@ impl LengthStore for LengthFiles {
     }
 
     fn homed(&self, board: &str) {
-        let path = state_folder().map(|folder| folder.join(format!("journal-{board}")).join(TAG_VIEW));
+        let path =
+            state_folder().map(|folder| folder.join(format!("journal-{board}")).join(TAG_VIEW));
         let Some(path) = path else {
             return;
         };

@@ -55,7 +55,7 @@ fn evidence(lengths_m: Vec<f64>, rest: RestReadings) -> Evidence<'static> {
         source: Source::Board { lengths_m },
         rest,
         seen: Measurements::default(),
-            reference: None,
+        reference: None,
         untouched: false,
         together: false,
         bound_m: 0.05,

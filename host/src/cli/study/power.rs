@@ -98,12 +98,7 @@ impl Cmd {
         };
         let seeds = common.seed..common.seed.saturating_add(self.runs);
         let phase = Phase::begin("cutting the power and recovering");
-        let cases = study(
-            &model,
-            seeds,
-            &what,
-            &common.controller,
-        )?;
+        let cases = study(&model, seeds, &what, &common.controller)?;
         drop(phase);
         let cost = journal_cost(&model)?;
         if let Some(path) = &self.cases {
@@ -163,8 +158,9 @@ impl Cmd {
             "bound 95 %, median",
             "bound median / most, mm",
             "most under 0.1 m/s",
-            "over homing's, median mm",
-            "within 1 mm, all / over homing's",
+            "by a tag",
+            "its error / over homing's, median mm",
+            "within 1 mm / over homing's",
             "drop median / most, mm",
             "over 5 mm",
         ];
@@ -210,9 +206,21 @@ fn row(name: &str, figures: &Figures) -> Vec<String> {
             cell(figures.bound_most_mm)
         ),
         cell(figures.bound_most_slow_mm),
-        cell(figures.since_homing_median_mm),
-        format!("{} / {}", figures.within_1_mm, figures.since_homing_within_1_mm),
-        format!("{} / {:.2}", cell(figures.drop_median_mm), figures.drop_max_mm),
+        figures.by_tag.to_string(),
+        format!(
+            "{} / {}",
+            cell(figures.by_tag_median_mm),
+            cell(figures.since_homing_median_mm)
+        ),
+        format!(
+            "{} / {}",
+            figures.within_1_mm, figures.since_homing_within_1_mm
+        ),
+        format!(
+            "{} / {:.2}",
+            cell(figures.drop_median_mm),
+            figures.drop_max_mm
+        ),
         figures.drops_over_5_mm.to_string(),
     ]
 }
