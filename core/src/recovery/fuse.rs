@@ -308,8 +308,8 @@ pub fn chi2_quantile(freedoms: f64, deviate: f64) -> f64 {
 /// use mcdpr_core::recovery::fuse::radius_95_m;
 /// let one = Matrix3::identity();
 /// assert!((radius_95_m(&one, &Matrix3::zeros()) - 2.796).abs() < 0.01);
-/// // Uniform on a cube of half width 1.732: 95 % are within 2.32, and none is beyond 3.
-/// assert!((radius_95_m(&one, &one) - 2.32).abs() < 0.15);
+/// // Uniform on a cube of half width 1.732: 95 % are within 2.39, and none is beyond 3.
+/// assert!((radius_95_m(&one, &one) - 2.39).abs() < 0.06);
 /// ```
 #[must_use]
 pub fn radius_95_m(covariance_m2: &Matrix3<f64>, limited_m2: &Matrix3<f64>) -> f64 {
