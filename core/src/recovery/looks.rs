@@ -130,11 +130,11 @@ impl Looks {
     #[must_use]
     pub fn rest_of_last(&self, robot: &Robot, count: usize) -> RestReadings {
         let all = self.rest(robot);
-        let first = |len: usize, count: usize| len.saturating_sub(count);
-        let last = Self {
-            tensions_n: self.tensions_n[first(self.tensions_n.len(), count)..].to_vec(),
-            pictures: self.pictures[first(self.pictures.len(), count / 2)..].to_vec(),
-        };
+        let mut last = self.clone();
+        let before = last.tensions_n.len().saturating_sub(count);
+        last.tensions_n.drain(..before);
+        let before = last.pictures.len().saturating_sub(count / 2);
+        last.pictures.drain(..before);
         RestReadings {
             tensions_n: all.tensions_n,
             tension_errors_n: all.tension_errors_n,

@@ -171,7 +171,7 @@ pub fn recover<L: Link>(
 ///
 /// # Errors
 /// The client's; [`RunError::Sight`] and [`RunError::Estimate`].
-pub fn look_when_homed<L: Link>(
+pub(crate) fn look_when_homed<L: Link>(
     client: &mut Client<L>,
     model: &Model,
     tags: KnownTags<'_>,
