@@ -88,18 +88,18 @@ fn processes(text: &str) -> Vec<String> {
 fn after_a_loss_of_power_the_page_says_it_in_a_sentence_with_a_button() {
     let _alone = alone();
     let folder = Folder::new("setup-recover");
-    let simulator = Simulator::start_with("0.5", &["--fault", "power:board@1.5s/1s"]);
+    let simulator = Simulator::start_with("0.25", &["--fault", "power:board@1.5s/1s"]);
     let task = folder.path().join("way.toml");
     let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [305, -75, -190]\nspeed_mm_s = 20\n";
     std::fs::write(&task, text).unwrap();
     let cut = mcdpr_tests::mcdpr()
         .args(["run", &task.display().to_string(), "--on", &simulator.port])
-        .args(["--time-scale", "0.5"])
+        .args(["--time-scale", "0.25"])
         .current_dir(folder.path())
         .output()
         .unwrap();
     assert!(!cut.status.success(), "{cut:?}");
-    let words = ["--idle", "--on", &simulator.port, "--time-scale", "0.5"];
+    let words = ["--idle", "--on", &simulator.port, "--time-scale", "0.25"];
     let serve = Serve::start_in(folder.path(), &words);
     let mut browser = Browser::start();
     let mut page = browser.open(&serve.with_token());
