@@ -98,7 +98,7 @@ fn the_doctor_and_the_rig_are_run_from_the_page_and_a_failure_says_what_to_do() 
         page.run("mcdpr.steps.known.steps.filter(s => s.tab === 'setup').map(s => s.id).join(' ')");
     assert_eq!(
         ids,
-        "doctor commission rig home target collect calibrate tune check verify"
+        "doctor recover commission rig home target collect calibrate tune check verify"
     );
     open(&mut page, "doctor");
     let shown = page.text("step-doctor-line");

@@ -39,6 +39,7 @@ fn interrupted(model: &Model, supply: Supply, disturbance: Disturbance) -> After
         at_s: 0.8,
         lasts_s: 1.0,
         disturbance,
+        seen_at_home: false,
         controller: Controller::InProcess,
     };
     simulate(model, &cut).unwrap().unwrap()
@@ -67,6 +68,39 @@ fn p2_with_a_tag_in_view_every_cut_is_recovered_within_a_millimetre() {
             assert!(drop_m < 5e-3, "{robot}, {name}: {drop_m} m");
         }
     }
+}
+
+#[test]
+fn p2_a_view_of_the_tag_at_homing_makes_the_recovery_more_exact() {
+    let model = model("lab-fast");
+    let mut cut = SimulatedCut {
+        task: task(&model),
+        mismatch: Mismatch::realistic(),
+        seed: 3,
+        supply: Supply::All,
+        at_s: 0.8,
+        lasts_s: 1.0,
+        disturbance: Disturbance::None,
+        seen_at_home: false,
+        controller: Controller::InProcess,
+    };
+    let mut bounds_mm = Vec::new();
+    for seen_at_home in [false, true] {
+        cut.seen_at_home = seen_at_home;
+        let played = simulate(&model, &cut).unwrap().unwrap();
+        assert_eq!(played.reference.is_some(), seen_at_home);
+        let (verdict, off_mm) = recovered(&model, &played, true, false);
+        assert!(verdict.accepted, "{}", verdict.sentence);
+        assert!(off_mm < 1.0, "{off_mm} mm");
+        let used = verdict.used.join("; ");
+        assert_eq!(
+            used.contains("when the robot was homed"),
+            seen_at_home,
+            "{used}"
+        );
+        bounds_mm.push(verdict.bound_mm.unwrap());
+    }
+    assert!(bounds_mm[1] < 0.7 * bounds_mm[0], "{bounds_mm:?}");
 }
 
 #[test]
@@ -339,6 +373,7 @@ fn p2_on_the_emulated_chip_a_cut_is_recovered_and_the_task_continues() {
         at_s: 0.8,
         lasts_s: 1.0,
         disturbance: Disturbance::None,
+        seen_at_home: true,
         controller: Controller::Chip(mcdpr_tests::chip::firmware()),
     };
     let after = simulate(&model, &cut).unwrap().unwrap();

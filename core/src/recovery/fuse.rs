@@ -299,18 +299,28 @@ pub fn chi2_quantile(freedoms: f64, deviate: f64) -> f64 {
 /// Radius that holds an error of this covariance in 95 % of cases, m: its square is taken for a
 /// scaled chi-square of the same mean and variance (Satterthwaite 1946).
 ///
+/// `limited_m2` is the part of the covariance by errors that are known within limits, such as a place after a
+/// calibration: a uniform distribution (GUM, JCGM 100:2008, 4.3.7). Its fourth cumulant is -1.2 times its squared
+/// variance, so large errors are rarer than with a normal distribution.
+///
 /// ```
 /// use nalgebra::Matrix3;
-/// let radius = mcdpr_core::recovery::fuse::radius_95_m(&Matrix3::identity());
-/// assert!((radius - 2.796).abs() < 0.01, "{radius}");
+/// use mcdpr_core::recovery::fuse::radius_95_m;
+/// let one = Matrix3::identity();
+/// assert!((radius_95_m(&one, &Matrix3::zeros()) - 2.796).abs() < 0.01);
+/// // Uniform on a cube of half width 1.732: 95 % are within 2.39, and none is beyond 3.
+/// assert!((radius_95_m(&one, &one) - 2.39).abs() < 0.06);
 /// ```
 #[must_use]
-pub fn radius_95_m(covariance_m2: &Matrix3<f64>) -> f64 {
+pub fn radius_95_m(covariance_m2: &Matrix3<f64>, limited_m2: &Matrix3<f64>) -> f64 {
     let mean = covariance_m2.trace();
-    let squares = (covariance_m2 * covariance_m2).trace();
     if mean.is_nan() || mean <= 0.0 {
         return 0.0;
     }
-    let freedoms = mean * mean / squares;
-    (squares / mean * chi2_quantile(freedoms, 1.645)).sqrt()
+    let normal = 2.0 * (covariance_m2 * covariance_m2).trace();
+    let limited = 1.2 * limited_m2.diagonal().norm_squared();
+    // A part of the covariance: the variance stays positive.
+    let variance = (normal - limited).max(0.2 * normal);
+    let freedoms = 2.0 * mean * mean / variance;
+    (variance / (2.0 * mean) * chi2_quantile(freedoms, 1.645)).sqrt()
 }

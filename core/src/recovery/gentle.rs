@@ -288,7 +288,7 @@ pub(crate) fn locate(
     let freedoms = (rows.len() - UNKNOWNS) as f64;
     Ok(Gentle {
         tool_m: x.fixed_rows::<3>(0).into_owned(),
-        bound_95_m: radius_95_m(&covariance_m2),
+        bound_95_m: radius_95_m(&covariance_m2, &Matrix3::zeros()),
         covariance_m2,
         fits: rows.norm_squared() <= chi2_quantile(freedoms, CONTRADICTS),
         rest,

@@ -119,6 +119,30 @@ impl Looks {
         rest
     }
 
+    /// Adds later readings.
+    pub fn then(&mut self, later: Self) {
+        self.tensions_n.extend(later.tensions_n);
+        self.pictures.extend(later.pictures);
+    }
+
+    /// Means of all readings; motion and least tensions of the last `count` only. A picture is taken at every
+    /// second reading.
+    #[must_use]
+    pub fn rest_of_last(&self, robot: &Robot, count: usize) -> RestReadings {
+        let all = self.rest(robot);
+        let mut last = self.clone();
+        let before = last.tensions_n.len().saturating_sub(count);
+        last.tensions_n.drain(..before);
+        let before = last.pictures.len().saturating_sub(count / 2);
+        last.pictures.drain(..before);
+        RestReadings {
+            tensions_n: all.tensions_n,
+            tension_errors_n: all.tension_errors_n,
+            picture_error_px: all.picture_error_px,
+            ..last.rest(robot)
+        }
+    }
+
     /// The views of all tags that are in (nearly) all pictures. A tag that leaves the picture at one end
     /// of a swing would shift the mean towards the other end.
     #[must_use]

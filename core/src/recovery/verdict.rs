@@ -5,6 +5,7 @@ use super::fuse::Found;
 use super::gentle::{Response, locate};
 use super::journal::{Journal, JournalError};
 use super::looks::RestReadings;
+use super::reference::TagReference;
 use super::weigh::{Estimates, estimates};
 use crate::estimate::{EstimateError, Measurements};
 use crate::motion::Model;
@@ -35,6 +36,8 @@ pub struct Evidence<'a> {
     pub rest: RestReadings,
     /// Views of tags; empty without a camera.
     pub seen: Measurements,
+    /// Where the camera saw the tags when the robot was homed, if that was kept.
+    pub reference: Option<&'a TagReference>,
     /// Whether the user states that nobody moved drums, brakes or platform without power.
     pub untouched: bool,
     /// Whether the user states that computer and robot lost their supply at the same time.
@@ -305,7 +308,11 @@ fn by_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
     let mut verdict = Verdict::of(estimates);
     // A tag shows the place itself: the user need not confirm that nothing was touched.
     BY_HAND.clone_into(&mut verdict.next);
-    verdict.used = vec!["tags in view".to_owned(), "tensions at rest".to_owned()];
+    let tags = match evidence.reference {
+        Some(_) => "tags in view, relative to the view when the robot was homed",
+        None => "tags in view",
+    };
+    verdict.used = vec![tags.to_owned(), "tensions at rest".to_owned()];
     if estimates.with_lengths.is_some() {
         let agree = "lengths, which agree with the tag".to_owned();
         verdict.used.push(agree);

@@ -4,12 +4,13 @@
 use super::cut::{Cut, Lengths, lengths_after};
 use super::fuse::{Found, Weighed, chi2_quantile, fuse};
 use super::journal::Journal;
-use super::looks::taper;
+use super::looks::{RestReadings, taper};
+use super::reference::{Homed, Priors, TagReference};
 use super::verdict::{Evidence, Source, mm, worst_tension};
 use crate::estimate::{EstimateError, Measurements};
-use crate::motion::Model;
+use crate::motion::{Model, StaticState};
 use crate::sight::TagView;
-use causes::Chosen;
+use causes::{Chosen, Places};
 use nalgebra::{Matrix3, Vector3};
 
 mod causes;
@@ -41,6 +42,14 @@ const TAG_PLACE_M: f64 = 2.0e-4;
 const HOMED_M: f64 = 1.7e-4;
 /// The same at each corner in a picture, px.
 const MOUNTING_PX: f64 = 0.25;
+/// Centre of mass after a calibration, standard deviation, m per axis.
+const CENTER_M: f64 = 1e-3;
+/// Relative to a view at homing: what lens, detector and noise leave of a corner's mean, px, the attitude from that
+/// of statics with the centre of mass by that view, rad, and a length by such a view, m. Chosen on seeds 30001 to
+/// 30300 of lab-fast.
+const SINCE_PX: f64 = 0.07;
+const SINCE_RAD: f64 = 1.3e-3;
+const SINCE_LENGTH_M: f64 = 8e-4;
 /// Time from the last record on the disk to the cut where the computer failed too, s: mean and
 /// standard deviation.
 const UNSEEN_DEAD_S: [f64; 2] = [0.036, 0.018];
@@ -148,23 +157,39 @@ pub(super) fn estimates(
     };
     let start_m = start(model, known.as_ref(), tensions_n);
     if !evidence.seen.views.is_empty() {
-        let seen = averaged(&evidence.seen, evidence.rest.picture_error_px);
-        let alone = fuse(model, &weighed(None, &seen), &start_m)?;
+        let sight = Sight::of(model, evidence.reference)?;
+        let places = sight.places;
+        let eye = sight.eye.as_ref().unwrap_or(model);
+        let seen = averaged(
+            &evidence.seen,
+            sight.corner_px,
+            evidence.rest.picture_error_px,
+        );
+        let by_tag = Weighed {
+            attitude_rad: sight.attitude_rad,
+            ..weighed(None, &seen)
+        };
+        let alone = fuse(eye, &by_tag, &start_m)?;
         // Lengths that agree with the tag make the position more exact. Lengths that do not agree
         // only name the drum that slipped.
         let with_lengths = known
             .as_ref()
-            .filter(|known| deviations(&known.lengths, &alone, AGREES).is_empty())
-            .map(|known| causes::choose(model, &weighed(None, &seen), known, &start_m))
+            .filter(|known| deviations(&known.lengths, &alone, AGREES, sight.length_m).is_empty())
+            .map(|known| causes::choose(eye, &by_tag, known, &start_m, places))
             .transpose()?
             .filter(|chosen| fits(&chosen.found));
-        let chosen = with_lengths.unwrap_or_else(|| Chosen::only(alone.clone()));
+        let mut chosen = with_lengths.unwrap_or_else(|| Chosen::only(alone.clone(), places));
+        // What the board gets are lengths of the robot file's robot, as at homing.
+        if sight.eye.is_some() {
+            chosen.found.rest = as_in_the_file(model, &chosen.found)?;
+        }
         let used_lengths = !chosen.found.residual_per_length.is_empty();
         // Nobody read the encoders without power: lengths that are all wrong by chance in the direction of the
         // tag's error agree with it. Then the tag alone is right, within its own bound. So the bound reaches
         // that far (solution separation, Brown and McBurney 1988).
         let tag_bound_m = if used_lengths {
-            (chosen.found.tool_m - alone.tool_m).norm() + Chosen::only(alone.clone()).bound_95_m()
+            (chosen.found.tool_m - alone.tool_m).norm()
+                + Chosen::only(alone.clone(), places).bound_95_m()
         } else {
             0.0
         };
@@ -172,7 +197,7 @@ pub(super) fn estimates(
             covariance_m2: chosen.covariance_m2(),
             bound_95_m: chosen.bound_95_m(),
             integrity_bound_m: integrity_bound_m(&chosen.found).max(tag_bound_m),
-            suspects: slipped_drums(known.as_ref(), &alone),
+            suspects: slipped_drums(known.as_ref(), &alone, sight.length_m),
             by_tag: true,
             alone,
             with_lengths: used_lengths.then_some(chosen.found),
@@ -182,7 +207,13 @@ pub(super) fn estimates(
     let Some(known) = known else {
         return Ok(None);
     };
-    let chosen = causes::choose(model, &weighed(None, &nothing), &known, &start_m)?;
+    let chosen = causes::choose(
+        model,
+        &weighed(None, &nothing),
+        &known,
+        &start_m,
+        Places::Own,
+    )?;
     let suspects = if fits(&chosen.found) {
         Vec::new()
     } else {
@@ -202,6 +233,90 @@ pub(super) fn estimates(
         known: Some(known),
         suspects,
     }))
+}
+
+/// How exactly tags show the tool.
+struct Sight {
+    /// The robot with its camera displaced as a view at homing showed it.
+    eye: Option<Model>,
+    corner_px: f64,
+    attitude_rad: f64,
+    length_m: f64,
+    places: Places,
+}
+
+impl Sight {
+    fn of(model: &Model, reference: Option<&TagReference>) -> Result<Self, EstimateError> {
+        Ok(match reference {
+            Some(reference) => Self {
+                eye: Some(reference.seen_by(model)?),
+                corner_px: SINCE_PX,
+                attitude_rad: SINCE_RAD,
+                length_m: SINCE_LENGTH_M,
+                places: Places::OfHoming {
+                    homed_m: reference.homed_m,
+                },
+            },
+            None => Self {
+                eye: None,
+                corner_px: MOUNTING_PX,
+                attitude_rad: ATTITUDE_RAD,
+                length_m: TAG_LENGTH_M,
+                places: Places::Own,
+            },
+        })
+    }
+}
+
+/// Where the camera sees the tags while the robot rests with known lengths (m): kept for the time after a loss
+/// of power. `scale` is the robot's checksum. `None` where no tag is in view, or where camera or tag are off by
+/// more than a calibration leaves.
+///
+/// # Errors
+/// [`EstimateError::NoFit`] where the robot cannot hang with these lengths.
+pub fn reference_of(
+    model: &Model,
+    lengths_m: &[f64],
+    rest: &RestReadings,
+    seen: &Measurements,
+    homed: Homed,
+    scale: u32,
+) -> Result<Option<TagReference>, EstimateError> {
+    let hangs = model.rest_from_lengths(lengths_m, &rest.tensions_n);
+    let hangs = hangs.map_err(|source| EstimateError::NoFit {
+        source: Box::new(source),
+    })?;
+    let seen = averaged(seen, SINCE_PX, rest.picture_error_px);
+    let priors = Priors {
+        center_m: CENTER_M,
+        place_m: libm::hypot(TAG_PLACE_M, HOMED_M),
+    };
+    let homed_m = match homed {
+        Homed::Taught => HOMED_M,
+        Homed::ByTag => libm::hypot(TAG_PLACE_M, ATTITUDE_RAD * far_m(model, &hangs, &seen)),
+    };
+    Ok(TagReference::measure(
+        model, &hangs, &seen, priors, homed_m, scale,
+    ))
+}
+
+/// The robot file's robot with the tool and the tension of an estimate.
+fn as_in_the_file(model: &Model, found: &Found) -> Result<StaticState, EstimateError> {
+    let held = model.holding().first_by_tension().unwrap_or(0);
+    let tensions_n = found.rest.tensions_n();
+    let tension_n = tensions_n.get(held).copied().unwrap_or_default();
+    let rest = model.rest_with(&found.tool_m, tension_n, Some(&found.rest));
+    rest.map_err(|source| EstimateError::NoFit {
+        source: Box::new(source),
+    })
+}
+
+/// Distance of the farthest place of tags from the tool, m: so far an error of the attitude reaches.
+fn far_m(model: &Model, rest: &StaticState, seen: &Measurements) -> f64 {
+    let tool_m = model.tool_m(rest);
+    let far = seen.places.iter();
+    far.map(|place| (place.world_from_body.position_m - tool_m).norm())
+        .fold(0.0, f64::max)
 }
 
 /// Start of the search: by the lengths, else home.
@@ -270,7 +385,7 @@ fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, Estima
 /// Pictures of one pose as one view for each tag. The error of the mounting is the same in every
 /// picture: averaging does not reduce it. `motion_px` is the standard error of the corners' means by
 /// the platform's motion.
-fn averaged(seen: &Measurements, motion_px: f64) -> Measurements {
+fn averaged(seen: &Measurements, corner_px: f64, motion_px: f64) -> Measurements {
     let mut views: Vec<TagView> = Vec::new();
     for view in &seen.views {
         if views.iter().any(|known| known.id == view.id) {
@@ -292,7 +407,7 @@ fn averaged(seen: &Measurements, motion_px: f64) -> Measurements {
         for covariance in &mut mean.covariance_px2 {
             for (axis, row) in covariance.iter_mut().enumerate() {
                 if let Some(variance) = row.get_mut(axis) {
-                    *variance = *variance * noise_share + MOUNTING_PX.powi(2) + motion_px.powi(2);
+                    *variance = *variance * noise_share + corner_px.powi(2) + motion_px.powi(2);
                 }
             }
         }
@@ -306,20 +421,27 @@ fn averaged(seen: &Measurements, motion_px: f64) -> Measurements {
 
 /// Drums whose lengths differ from an estimate without them by more than `limit` standard deviations,
 /// and by how much, m.
-fn deviations(lengths: &Lengths, found: &Found, limit: f64) -> Vec<(usize, f64)> {
+fn deviations(
+    lengths: &Lengths,
+    found: &Found,
+    limit: f64,
+    tag_length_m: f64,
+) -> Vec<(usize, f64)> {
     let pairs = lengths.mean_m.iter().zip(&found.rest.paid_out_m);
     pairs
         .enumerate()
         .map(|(cable, (expected, now))| (cable, now - expected))
         .filter(|(cable, off_m)| {
-            off_m.abs() > limit * libm::hypot(lengths.sigma_m(*cable), TAG_LENGTH_M)
+            off_m.abs() > limit * libm::hypot(lengths.sigma_m(*cable), tag_length_m)
         })
         .collect()
 }
 
 /// Drums that slipped, by the tag's estimate.
-fn slipped_drums(known: Option<&Known>, alone: &Found) -> Vec<String> {
-    let off = known.map_or(Vec::new(), |known| deviations(&known.lengths, alone, NAMED));
+fn slipped_drums(known: Option<&Known>, alone: &Found, tag_length_m: f64) -> Vec<String> {
+    let off = known.map_or(Vec::new(), |known| {
+        deviations(&known.lengths, alone, NAMED, tag_length_m)
+    });
     let mut words: Vec<String> = off
         .iter()
         .map(|(cable, off_m)| slipped(*cable, *off_m))

@@ -139,6 +139,9 @@ pub trait LengthStore {
     /// run: the store reports it to the user.
     fn keep(&self, saved: &Saved);
 
+    /// The lengths of a board were referenced anew: what was measured with the lengths before is not valid.
+    fn homed(&self, _board: &str) {}
+
     /// Discards the lengths of a board: its drums are about to turn.
     fn forget(&self, _board: &str) {}
 }

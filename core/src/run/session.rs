@@ -68,6 +68,8 @@ impl<'m, L: Link> Session<'m, L> {
         }
         let tensions_n: Vec<_> = status.tensions_n().collect();
         let known: Vec<_> = status.lengths_m().collect();
+        // A simulated robot in this process is homed in every session.
+        let anew = !matches!(homing, Homing::Known) && !client.info().simulated;
         let home = |place: &Vector3<f64>| -> Result<(StaticState, Vec<f64>), RunError> {
             let rest = model.rest(place, None)?;
             let lengths_m = rest.paid_out_m.clone();
@@ -107,6 +109,9 @@ impl<'m, L: Link> Session<'m, L> {
         // position.
         let tensions_n = machine::expected_n(model.robot(), at.tensions_n());
         client.request(machine::reference(&lengths_m, &tensions_n))?;
+        if anew {
+            kept.homed(&board_name(client.hello()));
+        }
         Ok(Self {
             client,
             model,

@@ -1,13 +1,20 @@
 //! `mcdpr move`, `jog`, `park`, `home`, `arm`, `disarm`, `gripper`: one thing at a time.
 
+use super::eye::Eye;
 use super::numbers::{finite, length_mm, positive};
 use super::progress::Bar;
 use super::reach::with_session;
 use super::{Common, Failed, Outcome, print_json};
 use crate::link::{Link, describe_fault};
 use crate::motion::{Model, Plan, PlanOptions, Shaping, Task};
+use crate::recovery::{KnownTags, keep_reference, look_when_homed};
+use crate::robot::TagPlace;
+use crate::run::saved::board_name;
 use crate::run::{Homing, Recorder, RunError, Session, jog};
+use crate::sight::{SightError, TagSource, TagView};
+use mcdpr_core::recovery::reference::Homed;
 use nalgebra::Vector3;
+use std::cell::RefCell;
 
 /// Move the tool straight to a place, then close the brakes
 #[derive(Debug, clap::Args)]
@@ -44,15 +51,18 @@ pub(crate) struct Jog {
 #[derive(Debug, clap::Args)]
 pub(crate) struct Park {}
 
-/// Set the board's cable lengths from the tool's present position; nothing moves
+/// Set the board's cable lengths from the tool's present position; nothing moves. With --camera it also keeps where
+/// the tags are seen from here, for `mcdpr recover`
 #[derive(Debug, clap::Args)]
 pub(crate) struct Home {
     /// The tool hangs here, world, mm; the robot file's home if left out
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_hyphen_values = true, value_parser = length_mm)]
     at: Option<Vec<f64>>,
-    /// Use a tag whose pose is known (on the simulator, which knows it)
+    /// Use a tag whose pose is known: in view of --camera, or of the simulator's camera
     #[arg(long, conflicts_with = "at")]
     tag: bool,
+    #[command(flatten)]
+    eye: Eye,
 }
 
 /// Enable drives, check, open brakes and hold until Ctrl-C or `mcdpr stop`
@@ -244,18 +254,78 @@ impl Home {
             let home = "the board was not changed";
             return homed(common, (place, rest.paid_out_m), home);
         }
-        let session = if self.tag {
-            if common.on != "sim" {
-                let reason = "there is no camera behind this port; give the place with --at X Y Z";
+        if common.on == "sim" {
+            self.eye.refused_on_simulator("--camera")?;
+            if self.tag {
+                model.hanging("homing by tags")?;
+                return home_by_tag(common, &model);
+            }
+        }
+        let mut camera = self.eye.tags(model.robot(), &common.page)?;
+        let Some(camera) = &mut camera else {
+            if self.tag {
+                let reason = "there is no camera behind this port; name one with --camera, or give the place with --at X Y Z";
                 return Err(Failed::from_error("--tag")(reason).into());
             }
-            model.hanging("homing by tags")?;
-            return home_by_tag(common, &model);
-        } else {
-            with_session(common, &model, None, Some(Homing::Place(place)), ended)?
+            let session = with_session(common, &model, None, Some(Homing::Place(place)), ended)?;
+            return homed(common, session, "homed");
         };
-        homed(common, session, "homed")
+        model.hanging("homing with tags in view")?;
+        let calibrated = robot.calibrated.as_ref();
+        let places = calibrated.map_or(Vec::new(), |calibrated| calibrated.places.clone());
+        if places.is_empty() {
+            let reason =
+                "this robot file has no places of tags: calibrate first, with `mcdpr calibrate`";
+            return Err(Failed::from_error("--camera")(reason).into());
+        }
+        // Homing and the look after it use the same camera, one after the other.
+        let camera = RefCell::new(camera);
+        let mut first = InTurn(&camera);
+        let (homing, how) = if self.tag {
+            let places = places.clone();
+            let camera: &mut dyn TagSource = &mut first;
+            (Homing::Tags { camera, places }, Homed::ByTag)
+        } else {
+            (Homing::Place(place), Homed::Taught)
+        };
+        let found = with_session(common, &model, None, Some(homing), |mut session| {
+            keep_view(&mut session, &mut InTurn(&camera), places, how)?;
+            ended(session)
+        })?;
+        homed(common, found, "homed")
     }
+}
+
+/// A camera that two users have in turn.
+struct InTurn<'a, S>(&'a RefCell<&'a mut S>);
+
+impl<S: TagSource> TagSource for InTurn<'_, S> {
+    fn look(&mut self) -> Result<Vec<TagView>, SightError> {
+        self.0.borrow_mut().look()
+    }
+}
+
+/// Keeps where the camera sees the tags of a robot that has just been homed; nothing moves.
+fn keep_view<L: Link>(
+    session: &mut Session<'_, L>,
+    camera: &mut dyn TagSource,
+    places: Vec<TagPlace>,
+    how: Homed,
+) -> Result<(), RunError> {
+    let (model, lengths_m) = (session.model(), session.at().paid_out_m.clone());
+    let board = board_name(session.client().hello());
+    let tags = KnownTags { camera, places };
+    match look_when_homed(session.client(), model, tags, &lengths_m, how)? {
+        Some(view) => {
+            if let Err(error) = keep_reference(&board, &view) {
+                eprintln!("warning: the view of the tags was not kept: {error}");
+            }
+        }
+        None => eprintln!(
+            "the view of the tags was not kept: no tag stays in view, the platform moves, or camera and tags are off by more than a calibration leaves"
+        ),
+    }
+    Ok(())
 }
 
 /// Reports the robot's position; nothing moved.

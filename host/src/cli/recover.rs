@@ -7,7 +7,7 @@ use crate::link::{Client, ClientError};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::recovery::simulated::{Disturbance, SimulatedCut, simulate};
-use crate::recovery::{Before, KnownTags, Verdict, load, recover};
+use crate::recovery::{Before, KnownTags, Verdict, load, load_reference, recover};
 use crate::run::saved::{board_name, scale_of};
 use crate::run::{ResumeError, RunError, new_session};
 use crate::scenario::{Injection, When};
@@ -85,6 +85,7 @@ impl Cmd {
         let before = Before {
             journal: load(&board, scale_of(model.robot())),
             tags: camera.as_mut().map(|camera| KnownTags { camera, places }),
+            reference: load_reference(&board),
             untouched: self.untouched,
             together: self.together,
             gentle: self.gentle,
@@ -114,6 +115,7 @@ impl Cmd {
             at_s,
             lasts_s: cut.lasts_s.unwrap_or(1.0),
             disturbance: Disturbance::None,
+            seen_at_home: self.tag,
             controller: common.controller.clone(),
         };
         let phase = Phase::begin("simulating the loss of power and the recovery");

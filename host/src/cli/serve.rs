@@ -181,6 +181,7 @@ impl Cmd {
             #[cfg(unix)]
             listening: RefCell::new(listening),
             lost: Cell::new(false),
+            cut: Cell::new(false),
         };
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
         if simulated {
@@ -246,6 +247,8 @@ struct Show<'a> {
     listening: RefCell<Option<crate::control::Server>>,
     /// The line is lost, and viewers were informed.
     lost: Cell<bool>,
+    /// The board has lost its lengths, and viewers were informed.
+    cut: Cell<bool>,
 }
 
 impl Show<'_> {
@@ -415,7 +418,10 @@ impl Show<'_> {
             if let Some(sentence) = crate::recovery::after_cut(&board, scale) {
                 self.feed
                     .set_trouble(&format!("{sentence}; next: `mcdpr recover`"));
+                self.cut.set(true);
             }
+        } else if self.cut.replace(false) {
+            self.feed.clear_trouble();
         }
         Ok(())
     }

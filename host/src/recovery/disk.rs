@@ -2,6 +2,7 @@
 
 use super::{Journal, JournalError};
 use mcdpr_core::recovery::journal::{MARK_BYTES, Mark};
+use mcdpr_core::recovery::reference::TagReference;
 use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -151,6 +152,28 @@ pub fn load(board: &str, scale: u32) -> std::result::Result<Journal, JournalErro
     let mark = read("mark").and_then(|bytes| Mark::read(&bytes));
     journal.check(board, scale, mark, now_ms())?;
     Ok(journal)
+}
+
+/// Most bytes of it.
+const MOST_VIEW_BYTES: u64 = 1 << 16;
+
+/// Where the camera saw the tags when the robot of this board was homed, if that was kept.
+pub(crate) fn load_reference(board: &str) -> Option<TagReference> {
+    let path = folder_of(board)?.join(crate::run::TAG_VIEW);
+    let bytes = crate::files::read_bytes(path, MOST_VIEW_BYTES).ok()?;
+    serde_json::from_slice(&bytes).ok()
+}
+
+/// Keeps it, in place of the one before.
+///
+/// # Errors
+/// The system's.
+pub(crate) fn keep_reference(board: &str, reference: &TagReference) -> Result<()> {
+    let missing = || Error::new(ErrorKind::NotFound, "the user has no home folder");
+    let folder = folder_of(board).ok_or_else(missing)?;
+    std::fs::create_dir_all(&folder)?;
+    let text = serde_json::to_vec_pretty(reference)?;
+    crate::files::write_atomically(&folder.join(crate::run::TAG_VIEW), text)
 }
 
 /// Wall clock, ms since 1970.

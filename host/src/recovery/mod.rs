@@ -12,7 +12,7 @@ mod writer;
 
 pub use cost::{Cost, cost};
 pub use disk::{Disk, load};
-pub(crate) use disk::{FileDisk, MemoryDisk};
+pub(crate) use disk::{FileDisk, MemoryDisk, keep_reference, load_reference};
 pub use mcdpr_core::recovery::*;
 pub use writer::About;
 pub(crate) use writer::JournalWriter;
@@ -25,6 +25,7 @@ use crate::robot::TagPlace;
 use crate::run::{self, RunError};
 use crate::sight::TagSource;
 use mcdpr_core::recovery::looks::{Looks, RestReadings};
+use mcdpr_core::recovery::reference::{Homed, TagReference};
 use mcdpr_core::recovery::verdict::{by_gentle_test, gentle_helps};
 use mcdpr_protocol::BoardState;
 
@@ -32,8 +33,9 @@ use mcdpr_protocol::BoardState;
 const LOOKS: u32 = 60;
 const APART_US: u64 = 50_000;
 
-/// A platform that still moves is given this many times three seconds to come to rest.
-const MOST_LOOKS: u32 = 5;
+/// A platform that still moves is read for this many times three seconds: the means over a longer time have less
+/// of its swing.
+const MOST_LOOKS: u32 = 8;
 
 /// A camera, and the places of the tags that it may see.
 pub struct KnownTags<'a> {
@@ -49,6 +51,8 @@ pub struct Before<'a> {
     pub journal: Result<Journal, JournalError>,
     /// A camera that sees tags whose places are known.
     pub tags: Option<KnownTags<'a>>,
+    /// Where it saw them when the robot was homed, if that was kept.
+    pub reference: Option<TagReference>,
     /// Whether the user states that nobody moved drums, brakes or platform without power.
     pub untouched: bool,
     /// Whether the user states that computer and robot lost their supply at the same time.
@@ -80,6 +84,9 @@ pub fn recover<L: Link>(
         Some(KnownTags { camera, places }) => (Some(camera), places),
         None => (None, Vec::new()),
     };
+    let scale = run::saved::scale_of(model.robot());
+    let reference = before.reference.as_ref();
+    let reference = reference.filter(|of| of.belongs_to(model.robot(), &places, scale));
     let (looks, rest) = look_until_still(client, model, &mut camera, &places)?;
     let seen = Measurements {
         views: looks.steady_views(),
@@ -118,6 +125,7 @@ pub fn recover<L: Link>(
         source,
         rest,
         seen,
+        reference,
         untouched: before.untouched,
         together: before.together,
         bound_m: before.bound_m,
@@ -158,22 +166,52 @@ pub fn recover<L: Link>(
     Ok(verdict)
 }
 
-/// Looks again while the platform moves, [`MOST_LOOKS`] times at most.
+/// Looks at tags while the robot rests with known lengths, m, as it does after homing; nothing moves. `None`
+/// where no tag is in view, the platform moves, or camera and tags are off by more than a calibration leaves.
+///
+/// # Errors
+/// The client's; [`RunError::Sight`] and [`RunError::Estimate`].
+pub(crate) fn look_when_homed<L: Link>(
+    client: &mut Client<L>,
+    model: &Model,
+    tags: KnownTags<'_>,
+    lengths_m: &[f64],
+    homed: Homed,
+) -> Result<Option<TagReference>, RunError> {
+    let KnownTags { camera, places } = tags;
+    let (looks, rest) = look_until_still(client, model, &mut Some(camera), &places)?;
+    if looks.lost_tag() || !rest.is_still() {
+        return Ok(None);
+    }
+    let seen = Measurements {
+        views: looks.steady_views(),
+        places,
+        ..Measurements::default()
+    };
+    let scale = run::saved::scale_of(model.robot());
+    Ok(reference_of(model, lengths_m, &rest, &seen, homed, scale)?)
+}
+
+/// Goes on looking while the platform moves, [`MOST_LOOKS`] times at most. The means are those of all readings,
+/// unless the platform comes to rest: then those of the last three seconds. What moves, sinks or goes slack is
+/// judged by the last three seconds.
 fn look_until_still<L: Link>(
     client: &mut Client<L>,
     model: &Model,
     camera: &mut Option<&mut dyn TagSource>,
     places: &[TagPlace],
 ) -> Result<(Looks, RestReadings), RunError> {
-    let mut number = 0;
-    loop {
-        let looks = look(client, model, camera, places)?;
-        let rest = looks.rest(model.robot());
-        number += 1;
-        if rest.is_still() || number >= MOST_LOOKS {
-            return Ok((looks, rest));
+    let mut all = Looks::default();
+    for _ in 0..MOST_LOOKS {
+        let last = look(client, model, camera, places)?;
+        let rest = last.rest(model.robot());
+        if rest.is_still() {
+            return Ok((last, rest));
         }
+        all.then(last);
     }
+    let rest = all.rest_of_last(model.robot(), LOOKS as usize);
+    Ok((all, rest))
 }
 
 /// Reads the sensors for three seconds, and takes a picture at every second reading.

@@ -9,6 +9,7 @@ use crate::motion::{Model, Task};
 use crate::run::RunError;
 use crate::scenario::Supply;
 use mcdpr_core::random::Random;
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -54,6 +55,10 @@ pub struct Case {
     pub camera: bool,
     /// The supply that failed.
     pub supply: &'static str,
+    /// Whether a view at homing was kept.
+    pub seen_at_home: bool,
+    /// Whether the estimate used a tag.
+    pub by_tag: bool,
     /// Speed of the tool at the cut, mm/s.
     pub speed_mm_s: f64,
     /// How far it fell, mm.
@@ -64,6 +69,8 @@ pub struct Case {
     pub bound_mm: Option<f64>,
     /// What the estimate is off by, mm.
     pub error_mm: Option<f64>,
+    /// What it is off by more than the robot was when it was homed, mm.
+    pub since_homing_mm: Option<f64>,
     /// Swing of the platform at the tag while it was looked at, peak to peak, mm.
     pub swing_mm: Option<f64>,
     /// Largest swing of a tension meanwhile, peak to peak, N.
@@ -88,6 +95,30 @@ impl Case {
     }
 }
 
+/// What a study simulates.
+#[derive(Debug, Clone)]
+pub struct What {
+    /// The kinds; seeds of others are skipped.
+    pub kinds: Vec<Kind>,
+    /// Largest bound of the tool's position that the job allows, m.
+    pub bound_m: f64,
+    /// Whether a camera has seen the tags when the robot was homed.
+    pub seen_at_home: bool,
+    /// Every case has a brake that holds only this force, N.
+    pub weak_brake_n: Option<f64>,
+}
+
+impl What {
+    /// The kind of a seed.
+    fn kind_of(&self, seed: u64) -> Option<Kind> {
+        if self.weak_brake_n.is_some() {
+            return Some(Kind::Slipped);
+        }
+        let turn = usize::try_from(seed % KINDS.len() as u64).unwrap_or(0);
+        KINDS.get(turn).copied()
+    }
+}
+
 /// Figures over cases.
 #[derive(Debug, Clone, Serialize)]
 pub struct Figures {
@@ -103,6 +134,16 @@ pub struct Figures {
     pub median_mm: Option<f64>,
     /// Largest error of the accepted, mm.
     pub most_mm: Option<f64>,
+    /// How many of the accepted used a tag.
+    pub by_tag: usize,
+    /// Their median error, mm.
+    pub by_tag_median_mm: Option<f64>,
+    /// How many of these are off by at most 1 mm.
+    pub within_1_mm: usize,
+    /// Median of their errors over that of homing, mm.
+    pub since_homing_median_mm: Option<f64>,
+    /// How many of those are at most 1 mm.
+    pub since_homing_within_1_mm: usize,
     /// Share of the accepted whose error is within the greater of both bounds.
     pub inside: Option<f64>,
     /// Share of the accepted whose error is within the statistical bound (95 %).
@@ -121,6 +162,10 @@ pub struct Figures {
     pub bound_most_slow_mm: Option<f64>,
     /// Largest drop, mm.
     pub drop_max_mm: f64,
+    /// Median drop, mm.
+    pub drop_median_mm: Option<f64>,
+    /// How many drops are over 5 mm.
+    pub drops_over_5_mm: usize,
 }
 
 fn most(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -135,6 +180,11 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
     let cases: Vec<_> = cases.collect();
     let accepted: Vec<_> = cases.iter().filter(|case| case.accepted).collect();
     let errors: Vec<f64> = accepted.iter().filter_map(|case| case.error_mm).collect();
+    let seen = || accepted.iter().filter(|case| case.by_tag);
+    let by_tag: Vec<f64> = seen().filter_map(|case| case.error_mm).collect();
+    let since_homing = seen().filter_map(|case| case.since_homing_mm);
+    let since_homing: Vec<f64> = since_homing.collect();
+    let drops: Vec<f64> = cases.iter().map(|case| case.drop_mm).collect();
     let bounds: Vec<f64> = accepted.iter().filter_map(|case| case.bound_mm).collect();
     let share = |count: usize| (!accepted.is_empty()).then(|| count as f64 / accepted.len() as f64);
     let inside = |bound: fn(&Case) -> Option<f64>| {
@@ -162,6 +212,11 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
         refused: 1.0 - accepted.len() as f64 / cases.len().max(1) as f64,
         median_mm: median(&errors),
         most_mm: most(errors.iter().copied()),
+        by_tag: by_tag.len(),
+        by_tag_median_mm: median(&by_tag),
+        within_1_mm: by_tag.iter().filter(|error| **error <= 1.0).count(),
+        since_homing_median_mm: median(&since_homing),
+        since_homing_within_1_mm: since_homing.iter().filter(|error| **error <= 1.0).count(),
         inside: inside(|case| case.bound_mm),
         inside_95: inside(|case| case.bound_95_mm),
         normalised_mean: (!normalised.is_empty())
@@ -171,7 +226,9 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
         bound_median_mm: median(&bounds),
         bound_most_mm: most(bounds.iter().copied()),
         bound_most_slow_mm: most(slow.filter_map(|case| case.bound_mm)),
-        drop_max_mm: most(cases.iter().map(|case| case.drop_mm)).unwrap_or(0.0),
+        drop_max_mm: most(drops.iter().copied()).unwrap_or(0.0),
+        drop_median_mm: median(&drops),
+        drops_over_5_mm: drops.iter().filter(|drop| **drop > 5.0).count(),
     }
 }
 
@@ -184,15 +241,17 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
 pub fn study(
     model: &Model,
     seeds: std::ops::Range<u64>,
-    kinds: &[Kind],
-    bound_m: f64,
+    what: &What,
     controller: &Controller,
 ) -> Result<Vec<Case>, RunError> {
     model.rest_at_home()?;
     let cases: Result<Vec<_>, RunError> = seeds
         .into_par_iter()
-        .filter(|seed| kind_of(*seed).is_some_and(|kind| kinds.contains(&kind)))
-        .map(|seed| case(model, seed, bound_m, controller))
+        .filter(|seed| {
+            what.kind_of(*seed)
+                .is_some_and(|kind| what.kinds.contains(&kind))
+        })
+        .map(|seed| case(model, seed, what, controller))
         .collect();
     Ok(cases?.into_iter().flatten().collect())
 }
@@ -235,20 +294,14 @@ fn task(random: &mut Random, model: &Model) -> Option<(Task, f64)> {
     None
 }
 
-/// The kind of a seed.
-fn kind_of(seed: u64) -> Option<Kind> {
-    let turn = usize::try_from(seed % KINDS.len() as u64).unwrap_or(0);
-    KINDS.get(turn).copied()
-}
-
 fn case(
     model: &Model,
     seed: u64,
-    bound_m: f64,
+    what: &What,
     controller: &Controller,
 ) -> Result<Option<Case>, RunError> {
     let mut random = Random::new(seed ^ 0x7077_7263);
-    let Some(kind) = kind_of(seed) else {
+    let Some(kind) = what.kind_of(seed) else {
         return Ok(None);
     };
     let Some((task, duration_s)) = task(&mut random, model) else {
@@ -275,6 +328,10 @@ fn case(
     };
     let cable = pick(&mut random, model.robot().cables.len());
     let disturbance = match kind {
+        Kind::Slipped if what.weak_brake_n.is_some() => Disturbance::Weak {
+            cable,
+            holds_n: what.weak_brake_n.unwrap_or_default(),
+        },
         Kind::Slipped if unit(&mut random) < 0.5 => Disturbance::Weak {
             cable,
             holds_n: 0.5 + 8.0 * unit(&mut random),
@@ -298,6 +355,11 @@ fn case(
         }
         _ => Disturbance::None,
     };
+    let camera = match kind {
+        Kind::Camera => true,
+        Kind::NoCamera => false,
+        _ => even,
+    };
     let cut = SimulatedCut {
         task,
         mismatch: Mismatch::realistic(),
@@ -306,6 +368,7 @@ fn case(
         at_s,
         lasts_s: 1.0,
         disturbance,
+        seen_at_home: what.seen_at_home && camera,
         controller: controller.clone(),
     };
     let after = match simulate(model, &cut) {
@@ -315,16 +378,16 @@ fn case(
         Err(error) => return Err(error),
     };
     let journal = found(&mut random, model, &after, kind);
-    let camera = match kind {
-        Kind::Camera => true,
-        Kind::NoCamera => false,
-        _ => even,
-    };
     // A person who moved the platform does not confirm that nobody did.
     let untouched = kind != Kind::Moved;
-    let (verdict, truth_m) = after.recover(model, journal, camera, untouched, bound_m)?;
+    let (verdict, truth_m) = after.recover(model, journal, camera, untouched, what.bound_m)?;
     let normalised = mcdpr_core::recovery::verdict::normalised_error(&verdict, &truth_m);
     let error_m = mcdpr_core::recovery::verdict::error_m(&verdict, &truth_m);
+    let since_homing_mm = verdict.tool_mm.map(|tool_mm| {
+        let off_m = Vector3::from(tool_mm) * 1e-3 - truth_m - after.homed_off_m;
+        off_m.norm() * 1e3
+    });
+    let by_tag = verdict.used.iter().any(|used| used.contains("tags"));
     let name = Supply::ALL.iter().find(|(known, _)| *known == supply);
     let Verdict {
         accepted,
@@ -340,6 +403,8 @@ fn case(
         kind,
         camera,
         supply: name.map_or("", |(_, name)| name),
+        seen_at_home: after.reference.is_some(),
+        by_tag,
         speed_mm_s: after.speed_mps * 1e3,
         drop_mm: after.drop_m * 1e3,
         accepted,
@@ -347,6 +412,7 @@ fn case(
         bound_95_mm,
         normalised,
         error_mm: error_m.map(|error| error * 1e3),
+        since_homing_mm,
         swing_mm,
         swing_n: swing_n.into_iter().fold(0.0, f64::max),
         sentence,
@@ -365,6 +431,7 @@ fn found(
         link: after.link.clone(),
         journal: after.journal.clone(),
         board: after.board.clone(),
+        reference: None,
         ..*after
     };
     let which = 0.5 + random.within(0.5);

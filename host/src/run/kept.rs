@@ -8,6 +8,9 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Copy)]
 pub struct LengthFiles;
 
+/// Name of the file with the view of tags at homing, beside the board's journal.
+pub(crate) const TAG_VIEW: &str = "tag-view.json";
+
 impl LengthStore for LengthFiles {
     fn load(&self, board: &str) -> Option<Saved> {
         let text = std::fs::read(path_of(board)?).ok()?;
@@ -17,6 +20,20 @@ impl LengthStore for LengthFiles {
     fn keep(&self, saved: &Saved) {
         if let Err(error) = store(saved) {
             eprintln!("the lengths were not kept, home again after a loss of power: {error}");
+        }
+    }
+
+    fn homed(&self, board: &str) {
+        let path =
+            state_folder().map(|folder| folder.join(format!("journal-{board}")).join(TAG_VIEW));
+        let Some(path) = path else {
+            return;
+        };
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                eprintln!("warning: {} cannot be removed: {error}", path.display());
+            }
+            _ => {}
         }
     }
 

@@ -5,7 +5,7 @@ mod kept;
 
 pub(crate) use interrupt::{Alone, watch_for_interrupts};
 pub use kept::LengthFiles;
-pub(crate) use kept::state_folder;
+pub(crate) use kept::{TAG_VIEW, state_folder};
 pub use mcdpr_core::run::*;
 
 use mcdpr_protocol::SessionId;

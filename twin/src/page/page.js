@@ -123,7 +123,7 @@
     pill('state', m.state || 'waiting', kind);
     text('words', m.words);
     $('alarm').hidden = !m.fault;
-    text('trouble', m.trouble || '');
+    text('trouble', m.trouble || ''); $('recover').hidden = !(m.trouble || '').includes('mcdpr recover') || !Steps.known;
     if (m.fault) text('alarm', `Fault ${m.fault}. ${m.advice || ''}`);
     text('task', m.task || 'nothing in progress');
     text('time', m.duration_s > 0 ? `${m.path_s.toFixed(1)} of ${m.duration_s.toFixed(1)} s` : '');
@@ -282,6 +282,7 @@
     if (name === 'setup' || name === 'pick') Steps.open();
   };
   document.querySelectorAll('[data-tab]').forEach(b => b.addEventListener('click', () => tab(b.dataset.tab)));
+  $('recover').addEventListener('click', () => { tab('setup'); Steps.go('recover'); });
   Scene.bind($('scene')); Scene.theme();
   window.matchMedia('(prefers-color-scheme: light)').addEventListener('change', Scene.theme);
   // The rest of the page is there when this runs.

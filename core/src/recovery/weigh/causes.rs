@@ -27,6 +27,19 @@ pub(super) struct Chosen {
     pub(super) found: Found,
     /// One for each possible cause. Empty where the cause is known.
     peaks: Vec<Peak>,
+    places: Places,
+}
+
+/// Places whose errors are common to all rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Places {
+    /// Lengths know that of homing, tags know their own.
+    Own,
+    /// Both know that of homing: the tags were seen from it.
+    OfHoming {
+        /// Its standard deviation, m per axis.
+        homed_m: f64,
+    },
 }
 
 /// The estimate under one cause.
@@ -40,29 +53,46 @@ struct Peak {
 
 impl Chosen {
     /// An estimate without any doubt about the cause.
-    pub(super) const fn only(found: Found) -> Self {
+    pub(super) const fn only(found: Found, places: Places) -> Self {
         Self {
             found,
             peaks: Vec::new(),
+            places,
         }
     }
 
     /// Covariance of the tool, world, m².
     pub(super) fn covariance_m2(&self) -> Matrix3<f64> {
         if self.peaks.is_empty() {
-            return self.found.covariance_m2 + of_places(&self.found);
+            return self.found.covariance_m2 + self.of_places();
         }
         let parts = self.peaks.iter().map(|peak| {
             let shifted = peak.shift_m * peak.shift_m.transpose();
             (peak.covariance_m2 + shifted) * peak.probability
         });
-        parts.sum::<Matrix3<f64>>() + of_places(&self.found)
+        parts.sum::<Matrix3<f64>>() + self.of_places()
+    }
+
+    /// Covariance by the places of homing, of tags and of the camera, m². They are wrong by the same in all
+    /// rows, so each counts as far as the estimate follows it.
+    fn of_places(&self) -> Matrix3<f64> {
+        if let Places::OfHoming { homed_m } = self.places {
+            return Matrix3::identity() * homed_m.powi(2);
+        }
+        let homed = Matrix3::identity() * HOMED_M.powi(2);
+        let tag = self.found.tool_per_tag;
+        let mut sum = tag * tag.transpose() * TAG_PLACE_M.powi(2);
+        if !self.found.residual_per_length.is_empty() {
+            let rest = Matrix3::identity() - tag;
+            sum += rest * homed * rest.transpose();
+        }
+        sum
     }
 
     /// Radius that holds the error in 95 % of cases, m.
     pub(super) fn bound_95_m(&self) -> f64 {
-        let round = radius_95_m(&self.covariance_m2());
-        let places = of_places(&self.found);
+        let places = self.of_places();
+        let round = radius_95_m(&self.covariance_m2(), &places);
         // Beyond a peak's shift along it, with what is across.
         let reach = |peak: &Peak| {
             let covariance = peak.covariance_m2 + places;
@@ -71,7 +101,7 @@ impl Chosen {
             let variance = (along.transpose() * covariance * along).x;
             // Close to it the error may be on any side.
             if far < APART * variance.sqrt() {
-                return far + radius_95_m(&covariance);
+                return far + radius_95_m(&covariance, &places);
             }
             let ahead = far + ONE_SIDED * variance.sqrt();
             libm::hypot(ahead, (covariance.trace() - variance).max(0.0).sqrt())
@@ -89,18 +119,6 @@ impl Chosen {
     }
 }
 
-/// Covariance by the places of homing, of tags and of the camera, m². They are wrong by the same in all
-/// rows, so each counts as far as the estimate follows it.
-fn of_places(found: &Found) -> Matrix3<f64> {
-    let tag = found.tool_per_tag;
-    let mut sum = tag * tag.transpose() * TAG_PLACE_M.powi(2);
-    if !found.residual_per_length.is_empty() {
-        let rest = Matrix3::identity() - tag;
-        sum += rest * rest.transpose() * HOMED_M.powi(2);
-    }
-    sum
-}
-
 /// The estimate by lengths and the other evidence in `weighed`.
 ///
 /// # Errors
@@ -110,6 +128,7 @@ pub(super) fn choose(
     weighed: &Weighed<'_>,
     known: &Known,
     start_m: &Vector3<f64>,
+    places: Places,
 ) -> Result<Chosen, EstimateError> {
     let with = |lengths| Weighed {
         lengths: Some(lengths),
@@ -127,7 +146,7 @@ pub(super) fn choose(
     let total: f64 = each.iter().map(|(log, _)| libm::exp(log - most)).sum();
     let share = |log: f64| libm::exp(log - most) / total;
     if let Some((_, found)) = each.iter().find(|(log, _)| share(*log) > KNOWN) {
-        return Ok(Chosen::only(found.clone()));
+        return Ok(Chosen::only(found.clone(), places));
     }
     let found = fuse(model, &with(&known.lengths), start_m)?;
     let peaks = each.iter().map(|(log, of)| Peak {
@@ -138,5 +157,6 @@ pub(super) fn choose(
     Ok(Chosen {
         peaks: peaks.collect(),
         found,
+        places,
     })
 }

@@ -55,6 +55,7 @@ fn evidence(lengths_m: Vec<f64>, rest: RestReadings) -> Evidence<'static> {
         source: Source::Board { lengths_m },
         rest,
         seen: Measurements::default(),
+        reference: None,
         untouched: false,
         together: false,
         bound_m: 0.05,
@@ -158,6 +159,7 @@ fn without_a_tag_the_bound_reaches_both_causes_of_a_cut() {
                 ..RestReadings::default()
             },
             seen: Measurements::default(),
+            reference: None,
             untouched: true,
             together: true,
             bound_m: 0.05,
@@ -232,6 +234,7 @@ fn a_journal_that_ends_in_motion_with_its_computer_needs_a_confirmation() {
             source: Source::Journal(&journal),
             rest: rest.clone(),
             seen: Measurements::default(),
+            reference: None,
             untouched: true,
             together,
             bound_m: 0.05,

@@ -1,10 +1,11 @@
 //! `mcdpr study power`: random losses of power, and the errors of the recovery.
 
+use crate::cli::numbers::positive;
 use crate::cli::progress::Phase;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::motion::{Model, Task};
-use crate::recovery::study::{Case, Figures, KINDS, Kind, figures, study};
+use crate::recovery::study::{Case, Figures, KINDS, Kind, What, figures, study};
 use crate::recovery::{Cost, cost};
 use std::path::PathBuf;
 
@@ -20,6 +21,12 @@ pub(crate) struct Cmd {
     /// Only cuts with nothing else: skip the seeds of the other kinds
     #[arg(long)]
     undisturbed: bool,
+    /// Every case has one brake that holds only this force at the cable, N
+    #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "undisturbed")]
+    weak_brake_n: Option<f64>,
+    /// The camera did not see the tags when the robot was homed
+    #[arg(long)]
+    no_view_at_homing: bool,
     /// Closing time of all brakes instead of the robot file's, ms
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(1..=500))]
     brake_ms: Option<u16>,
@@ -78,14 +85,20 @@ impl Cmd {
         }
         let model = Model::new(&robot)?;
         model.hanging("going on after a loss of power")?;
-        let bound_m = self.bound_mm * 1e-3;
         let kinds = match self.undisturbed {
             true => &UNDISTURBED[..],
+            false if self.weak_brake_n.is_some() => &[Kind::Slipped][..],
             false => &KINDS[..],
+        };
+        let what = What {
+            kinds: kinds.to_vec(),
+            bound_m: self.bound_mm * 1e-3,
+            seen_at_home: !self.no_view_at_homing,
+            weak_brake_n: self.weak_brake_n,
         };
         let seeds = common.seed..common.seed.saturating_add(self.runs);
         let phase = Phase::begin("cutting the power and recovering");
-        let cases = study(&model, seeds, kinds, bound_m, &common.controller)?;
+        let cases = study(&model, seeds, &what, &common.controller)?;
         drop(phase);
         let cost = journal_cost(&model)?;
         if let Some(path) = &self.cases {
@@ -145,7 +158,11 @@ impl Cmd {
             "bound 95 %, median",
             "bound median / most, mm",
             "most under 0.1 m/s",
-            "drop, mm",
+            "by a tag",
+            "its error / over homing's, median mm",
+            "within 1 mm / over homing's",
+            "drop median / most, mm",
+            "over 5 mm",
         ];
         let mut rows = vec![head.map(str::to_owned).to_vec()];
         rows.extend(kinds.iter().map(|kind| row(name(*kind), &of(*kind))));
@@ -189,6 +206,21 @@ fn row(name: &str, figures: &Figures) -> Vec<String> {
             cell(figures.bound_most_mm)
         ),
         cell(figures.bound_most_slow_mm),
-        format!("{:.2}", figures.drop_max_mm),
+        figures.by_tag.to_string(),
+        format!(
+            "{} / {}",
+            cell(figures.by_tag_median_mm),
+            cell(figures.since_homing_median_mm)
+        ),
+        format!(
+            "{} / {}",
+            figures.within_1_mm, figures.since_homing_within_1_mm
+        ),
+        format!(
+            "{} / {:.2}",
+            cell(figures.drop_median_mm),
+            figures.drop_max_mm
+        ),
+        figures.drops_over_5_mm.to_string(),
     ]
 }

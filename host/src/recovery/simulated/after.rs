@@ -3,13 +3,17 @@
 use crate::experiment::{Experiment, Run};
 use crate::link::{Client, SimulatedLink};
 use crate::motion::{Model, Task};
-use crate::recovery::{Before, Journal, JournalError, KnownTags, MemoryDisk, Verdict, recover};
+use crate::recovery::{
+    Before, Journal, JournalError, KnownTags, MemoryDisk, Verdict, look_when_homed, recover,
+};
 use crate::report;
+use crate::robot::TagPlace;
 use crate::run::saved::scale_of;
 use crate::run::{self, RunError};
 use crate::sight::{Scene, SimulatedTags, TagSource};
 use mcdpr_core::random::Random;
 use mcdpr_core::recovery::journal::Mark;
+use mcdpr_core::recovery::reference::{Homed, TagReference};
 use mcdpr_protocol::{Request, SessionId};
 use mcdpr_simulator::Simulation;
 use nalgebra::Vector3;
@@ -42,7 +46,48 @@ pub struct AfterCut {
     pub together: bool,
     /// Whether drums may be wound gently where the evidence is not enough.
     pub gentle: bool,
+    /// Where the camera saw the tags when the robot was homed.
+    pub reference: Option<TagReference>,
+    /// Where the robot was homed minus where its tool was, world, m.
+    pub(in crate::recovery) homed_off_m: Vector3<f64>,
     pub(in crate::recovery) seed: u64,
+}
+
+/// The camera of a simulated robot, and the places of the tags as a calibration has them.
+fn camera(model: &Model, link: &SimulatedLink, seed: u64) -> (SimulatedTags, Vec<TagPlace>) {
+    let scene = Scene::on_floor(model.robot(), MOUNTING[0], MOUNTING[1], seed);
+    let mut random = Random::new(seed ^ 0x7461_6773);
+    let mut places = scene.places.clone();
+    for place in &mut places {
+        place.world_from_body.position_m += Vector3::from_fn(|_, _| random.within(TAG_PLACE_M));
+    }
+    (
+        SimulatedTags::new(link.clone(), scene, CORNER_PX, seed),
+        places,
+    )
+}
+
+/// A look at the tags while the robot hangs at home, which it takes for `place_m`.
+///
+/// # Errors
+/// As [`look_when_homed`].
+pub(super) fn seen_at_home(
+    model: &Model,
+    link: &SimulatedLink,
+    place_m: &Vector3<f64>,
+    seed: u64,
+) -> Result<Option<TagReference>, RunError> {
+    let (mut camera, places) = camera(model, link, seed);
+    let mut client = Client::connect(link.clone(), SessionId(5))?;
+    run::configure(&mut client, model.robot())?;
+    let lengths_m = model.rest(place_m, None)?.paid_out_m;
+    let tags = KnownTags {
+        camera: &mut camera,
+        places,
+    };
+    let seen = look_when_homed(&mut client, model, tags, &lengths_m, Homed::Taught)?;
+    client.request(Request::Close)?;
+    Ok(seen)
 }
 
 /// The journal of a program that continued, or whose computer failed too: then it has no end record, and
@@ -95,6 +140,8 @@ impl AfterCut {
             speed_mps: 0.0,
             together: false,
             gentle: false,
+            reference: None,
+            homed_off_m: Vector3::zeros(),
             seed,
         })
     }
@@ -121,13 +168,7 @@ impl AfterCut {
         untouched: bool,
         bound_m: f64,
     ) -> Result<(Verdict, Vector3<f64>), RunError> {
-        let scene = Scene::on_floor(model.robot(), MOUNTING[0], MOUNTING[1], self.seed);
-        let mut random = Random::new(self.seed ^ 0x7461_6773);
-        let mut places = scene.places.clone();
-        for place in &mut places {
-            place.world_from_body.position_m += Vector3::from_fn(|_, _| random.within(TAG_PLACE_M));
-        }
-        let mut tags = SimulatedTags::new(self.link.clone(), scene, CORNER_PX, self.seed);
+        let (mut tags, places) = self::camera(model, &self.link, self.seed);
         let mut client = Client::connect(self.link.clone(), SessionId(3))?;
         if run::status(&mut client)?.fault.is_some() {
             client.request(Request::ClearFault)?;
@@ -140,6 +181,7 @@ impl AfterCut {
                 camera: source,
                 places,
             }),
+            reference: self.reference.clone(),
             untouched,
             together: untouched && self.together,
             gentle: self.gentle,

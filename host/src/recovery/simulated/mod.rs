@@ -70,6 +70,8 @@ pub struct SimulatedCut {
     pub lasts_s: f64,
     /// What else happens.
     pub disturbance: Disturbance,
+    /// Whether a camera saw the tags when the robot was homed.
+    pub seen_at_home: bool,
     /// The controller of the robot.
     pub controller: Controller,
 }
@@ -123,6 +125,16 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
     let line = LinkOptions::default();
     let link = machine::line_to(robot, hung, &line, seed, &case.controller)
         .map_err(|error| RunError::Client(error.into()))?;
+    let mut random = Random::new(case.seed ^ 0x686F_6D65);
+    let off_m = Vector3::from_fn(|_, _| random.within(HOMED_M));
+    let place_m = robot.tool.home_in_world_m + off_m;
+    let truth = link.with(|simulation| simulation.plant().truth());
+    let homed_off_m = place_m - Vector3::from(truth.map_err(plant)?.tool_position_m);
+    let reference = if case.seen_at_home {
+        after::seen_at_home(model, &link, &place_m, case.seed)?
+    } else {
+        None
+    };
     link.with(Simulation::record_truth);
     let mut injections = vec![Injection {
         lasts_s: Some(case.lasts_s),
@@ -148,12 +160,9 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
         }));
     }
     let watched = Watched::new(faulty.clone(), &events);
-    let mut random = Random::new(case.seed ^ 0x686F_6D65);
-    let off_m = Vector3::from_fn(|_, _| random.within(HOMED_M));
-    let place = Homing::Place(robot.tool.home_in_world_m + off_m);
     let outcome = Experiment::new(model, case.task.clone())
         .session(SessionId(1))
-        .homing(place)
+        .homing(Homing::Place(place_m))
         .run_on(watched);
     events.finish();
     // An error is the expected end of a run whose power is cut; these two come before it.
@@ -189,6 +198,8 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
         },
         speed_mps,
         together: case.supply == Supply::All,
+        reference,
+        homed_off_m,
         ..AfterCut::of(link, &disk, alive, case.seed)?
     }))
 }

@@ -94,6 +94,42 @@ pub(super) const STEPS: &[Step] = &[
         live: false,
     },
     Step {
+        id: "recover",
+        tab: "setup",
+        title: "Recover after a loss of power",
+        purpose: "Finds where the tool is after a loss of power and tells the board, or says what to measure.",
+        moves: "",
+        words: &["recover"],
+        options: &[
+            opt(
+                "untouched",
+                "Nobody touched drums, brakes or platform without power",
+                Flag,
+                "",
+            ),
+            opt(
+                "together",
+                "Computer and robot lost their supply at the same time",
+                Flag,
+                "",
+            ),
+            opt(
+                "gentle",
+                "Where that is not enough: wind each cable by 0.4 mm",
+                Flag,
+                "",
+            ),
+            opt(
+                "bound-mm",
+                "Largest error that the task allows, mm",
+                Number(0.1, 100.0, false, Named),
+                "5",
+            ),
+            CAMERA,
+        ],
+        live: false,
+    },
+    Step {
         id: "commission",
         tab: "setup",
         title: "Commission a winch",

@@ -133,6 +133,9 @@ pub(super) fn command(
             "The robot arms: drives push against closed brakes, brakes open, and each \
                                              drum turns a little. Then it disarms."
         }
+        "recover" if given["gentle"] == true => {
+            "Where the evidence is not enough, each winch winds its cable by 0.4 mm, one after the other."
+        }
         "calibrate" if has("data") => "",
         _ => step.moves,
     };
