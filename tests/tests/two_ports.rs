@@ -34,7 +34,10 @@ fn a_task_runs_on_two_ports_and_a_wrong_number_of_ports_is_refused() {
     };
     let refused = on(ports[0]);
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(!refused.status.success() && said.contains("2 boards"), "{said}");
+    assert!(
+        !refused.status.success() && said.contains("2 boards"),
+        "{said}"
+    );
     let twice = format!("{},{}", ports[0], ports[0]);
     assert!(!on(&twice).status.success());
     let done = on(&simulator.port);
