@@ -515,3 +515,42 @@ fn a_command_that_obeys_no_stop_is_ended() {
     // The page goes on: the robot is the server's again.
     wait(&mut page, "mcdpr.live && mcdpr.live.state === 'Disarmed'");
 }
+
+#[test]
+fn after_a_loss_of_power_the_page_says_it_in_a_sentence_with_a_button() {
+    let _alone = alone();
+    let folder = Folder::new("setup-recover");
+    let simulator = Simulator::start_with("0.25", &["--fault", "power:board@1.5s/1s"]);
+    let task = folder.path().join("way.toml");
+    let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [305, -75, -190]\nspeed_mm_s = 20\n";
+    std::fs::write(&task, text).unwrap();
+    let cut = mcdpr_tests::mcdpr()
+        .args(["run", &task.display().to_string(), "--on", &simulator.port])
+        .args(["--time-scale", "0.25"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(!cut.status.success(), "{cut:?}");
+    let words = ["--idle", "--on", &simulator.port, "--time-scale", "0.25"];
+    let serve = Serve::start_in(folder.path(), &words);
+    let mut browser = Browser::start();
+    let mut page = browser.open(&serve.with_token());
+    wait(&mut page, "mcdpr.may && mcdpr.steps.known");
+    let button = "document.getElementById('recover')";
+    wait(&mut page, &format!("!{button}.hidden"));
+    let trouble = page.text("trouble");
+    assert!(trouble.contains("the board lost its lengths"), "{trouble}");
+    // Without a confirmation it refuses, and says what to do.
+    page.click("#recover");
+    wait(&mut page, &is("recover", "failed"));
+    let next = page.text("step-recover-next");
+    assert!(next.contains("--untouched"), "{next}");
+    page.click("#step-recover-untouched");
+    wait(
+        &mut page,
+        &format!("{}.includes('--untouched')", line("recover")),
+    );
+    page.click("#recover");
+    wait(&mut page, &is("recover", "done"));
+    wait(&mut page, &format!("{button}.hidden"));
+}

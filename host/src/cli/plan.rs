@@ -1,7 +1,7 @@
 //! `mcdpr plan TASK`: plans, judges and draws a task; nothing is connected.
 
 use super::run::tool_height_m;
-use super::table::lay_out;
+use super::table::{COLUMNS, lay_out, wrap};
 use super::{Common, Failed, Outcome, print_json};
 use crate::chart::PlotFormat;
 use crate::motion::{
@@ -196,7 +196,8 @@ pub(crate) fn show(
     );
     super::write_out(&lay_out(&rows(&seen.margins)));
     match &tube {
-        Some(tube) => say!("{}", tube.words()),
+        // As wide as the table above it, also where a program reads.
+        Some(tube) => super::write_out(&wrap(&(tube.words() + "\n"), COLUMNS)),
         None => say!("no tube of the tool's error: the platform does not hang firmly everywhere"),
     }
     if let Some(folder) = folder {

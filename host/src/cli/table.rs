@@ -1,7 +1,7 @@
 //! Plain tables and paragraphs for people.
 
 /// Columns of a screen that every table fits.
-const COLUMNS: usize = 80;
+pub(crate) const COLUMNS: usize = 80;
 /// Space between columns where there is room for it, and the least.
 const GAPS: [usize; 2] = [3, 2];
 /// Columns within which the label of a line must end for its continuation to begin below the text beside it.

@@ -83,27 +83,28 @@ impl Rubbing {
     }
 }
 
-/// Ways to and fro at each speed.
-const PAIRS: usize = 2;
-/// Turn of the drum of one way, rad, and its speed as a share of that of service: the first two show the play, the slow
-/// ones the dry friction. A slow way is short: 11 degrees are five times the widest play.
-const WAYS: [(f64, f64); 5] = [
-    (TAU / 4.0, 0.5),
-    (TAU / 8.0, 0.17),
-    (TAU / 32.0, 0.12),
-    (TAU / 32.0, 0.09),
+/// Turn of the drum of one way (rad), its speed as a share of that of service, and how often it goes to and fro. The
+/// first two show the play, the slow ones the dry friction. A slow way is short: 11 degrees are five times the widest
+/// play.
+const WAYS: [(f64, f64, usize); 5] = [
+    (TAU / 4.0, 0.5, 3),
+    (TAU / 4.0, 0.17, 3),
+    (TAU / 32.0, 0.12, 2),
+    (TAU / 32.0, 0.09, 2),
     // No slower: below a hundred rpm static friction begins to be felt.
-    (TAU / 32.0, 0.06),
+    (TAU / 32.0, 0.06, 2),
 ];
 /// Speeding up and slowing down each take this share of the time of a way.
 const RAMP: f64 = 0.3;
 /// Readings begin at this share of the time: until then the drive's loops have settled.
 const SETTLED: f64 = 0.42;
-/// Time between two looks, ms: odd, so that a drive which gets its set-points every second or fourth tick is seen at
-/// every phase of them.
-const LOOK_MS: u64 = 7;
+/// Time between two looks, ms.
+const LOOK_MS: u64 = 10;
 /// Step of a reported current, A.
 const STEP_A: f64 = 1e-3;
+/// The value at rest may differ from that of the slowest turns by this share of it. Beyond that the ripple of the
+/// set-points is most of the sampled current, and no line through it leads to the friction.
+const MOST_BEYOND: f64 = 0.25;
 /// Greatest relative standard error of the friction: beyond it the data contradict the model.
 const MOST_ERROR: f64 = 0.2;
 /// A drive that reports less current than this, A, while its motor turns, does not measure it.
@@ -123,11 +124,11 @@ impl<L: Link> Bench<'_, L> {
     /// whether motor and drum encoder count in the same direction.
     pub(super) fn rubbing(&mut self, at_rad: f64, same_way: bool) -> Result<Rubbing, ServiceError> {
         // The first turn takes up the play, in either direction.
-        let [(first_rad, _), ..] = WAYS;
+        let [(first_rad, ..), ..] = WAYS;
         self.turn(at_rad, at_rad + first_rad)?;
         let mut now_rad = first_rad;
         let mut speeds = Vec::new();
-        for (way_rad, share) in WAYS {
+        for (way_rad, share, count) in WAYS {
             if way_rad < now_rad {
                 // To the end of the shorter way, in the direction in which it is travelled last.
                 self.turn(at_rad + now_rad, at_rad)?;
@@ -135,7 +136,7 @@ impl<L: Link> Bench<'_, L> {
             }
             now_rad = way_rad;
             let mut pairs = Vec::new();
-            for _ in 0..PAIRS {
+            for _ in 0..count {
                 let back = self.way(at_rad + way_rad, at_rad, share, same_way)?;
                 let out = self.way(at_rad, at_rad + way_rad, share, same_way)?;
                 pairs.push((out, back));
@@ -261,7 +262,10 @@ impl<L: Link> Bench<'_, L> {
                 error_mnm: friction_se_nm * 1e3,
             });
         }
-        let known = friction_nm > 0.0 && friction_se_nm <= MOST_ERROR * friction_nm;
+        let slowest_rpm = turns.last().map_or(0.0, |turn| turn.rpm);
+        let known = friction_nm > 0.0
+            && friction_se_nm <= MOST_ERROR * friction_nm
+            && (viscous * slowest_rpm).abs() <= MOST_BEYOND * friction_nm;
         let friction = known.then(|| Friction {
             friction_nm,
             friction_se_nm,

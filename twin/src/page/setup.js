@@ -194,8 +194,8 @@ const Steps = (() => {
 
   return {
     take, output, open, make,
-    // Opens a step and starts it as its button does.
-    go(id) { const c = cards.get(id); if (!c) return; c.all.open = true; c.all.scrollIntoView(); if (c.start.disabled) c.start.focus(); else press(c); },
+    // Opens a step and starts it as its button does. An opened step asks for its line; that must be over first.
+    async go(id) { const c = cards.get(id); if (!c) return; c.all.open = true; c.all.scrollIntoView(); await judge(c); if (c.start.disabled) c.start.focus(); else press(c); },
     // What other tabs may not start meanwhile.
     get busy() { return known && known.running ? `${known.running} is under way: stop it first` : ''; },
     allow(now, reason) { const fresh = now && !may; may = now; why = reason; if (fresh) open(); buttons(); },
