@@ -18,7 +18,7 @@ const REVERSAL_M: f64 = 1e-3;
 const SAMPLE_S: f64 = 1e-3;
 /// A cable below this tension carries nothing, N.
 const LOADED_N: f64 = 1.0;
-/// Classes of the load history, as shares of the greatest tension seen by the sensor's range.
+/// Classes of the load history: equal shares of the sensor's range.
 const CLASSES: usize = 10;
 
 /// What a cable is made of, and what is known of its life.
@@ -45,9 +45,9 @@ impl Default for Rope {
 ///
 /// lg N = b0 + (b1 + b3 lg(D/d)) (lg(S/d^2) - 0.4 lg(R/1770)) + b2 lg(D/d) + lg f_d, with S in N, d in mm, and
 /// b0 = 1.280, b1 = 0.029, b2 = 6.241, b3 = -1.613 (Feyrer, Wire Ropes, 2nd ed., Springer 2015, parallel lay,
-/// eight strands, fibre core; wires of 1770 N/mm2), f_d = 0.52 / (0.48 + (d/16)^0.3). The tests were made with
-/// ropes of some millimetres to 40 mm: for a cable of 1 mm it extrapolates, and ten times more or less must
-/// be expected. Among equal ropes N scatters by a factor of about two.
+/// eight strands, fibre core; wires of 1770 N/mm2), f_d = 0.52 / (0.48 + (d/16)^0.3). **The constants were not compared
+/// with the book: assumptions.** The tests were made with ropes of some millimetres to 40 mm: for a cable of 1 mm it
+/// extrapolates, and ten times more or less must be expected. Among equal ropes N scatters by a factor of about two.
 fn steel_bendings(tension_n: f64, sheave_m: f64, rope_m: f64) -> f64 {
     let ratio = libm::log10((sheave_m / rope_m).max(1.0));
     let rope_mm = rope_m * 1e3;

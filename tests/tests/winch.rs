@@ -67,6 +67,12 @@ fn commissioning_finds_friction_and_play_of_a_geared_winch() {
         (rubs["play_deg"].as_f64().unwrap() - play_deg).abs() < 0.05,
         "{rubs}, not {play_deg}"
     );
+    // Play of 1.7 degrees is 8 % of the turn that the ratio is taken from: it must not be in it.
+    assert_eq!(
+        found["motor_counts_per_turn"].as_f64().unwrap().abs(),
+        built.winch_of(1).unwrap().motor_counts_per_turn.abs(),
+        "{found}"
+    );
     let differs = found["differs"].to_string();
     assert!(
         differs.contains("play_deg") && differs.contains("friction"),

@@ -13,6 +13,7 @@
 //! rows' standard deviations, which are assumptions that a user can change.
 
 mod fix;
+pub(crate) mod region;
 mod rows;
 mod slip;
 pub mod track;

@@ -7,9 +7,9 @@
 //! elasticity multiplies all changes alike. Gains and elasticity are estimated with the place (least
 //! squares with priors), so neither lengths nor anything a person did without power is used.
 
-use super::fuse::{chi2_quantile, radius_95_m};
 use super::looks::RestReadings;
 use crate::estimate::EstimateError;
+use crate::estimate::region::{chi2_quantile, radius_95_m};
 use crate::motion::{Model, StaticState};
 use mcdpr_kinematics::{Attempt, Damping, descend};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, SVector, Vector3, Vector4};

@@ -2,11 +2,12 @@
 //! statistical bound and an integrity bound.
 
 use super::cut::{Cut, Lengths, lengths_after};
-use super::fuse::{Found, Weighed, chi2_quantile, fuse};
+use super::fuse::{Found, Weighed, fuse};
 use super::journal::Journal;
 use super::looks::{RestReadings, taper};
 use super::reference::{Homed, Priors, TagReference};
 use super::verdict::{Evidence, Source, mm, worst_tension};
+use crate::estimate::region::chi2_quantile;
 use crate::estimate::{EstimateError, Measurements};
 use crate::motion::{Model, StaticState};
 use crate::sight::TagView;

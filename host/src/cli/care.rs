@@ -102,7 +102,7 @@ impl Cmd {
         write_out(&lay_out(&table));
         say!(
             "{} runs counted, brakes closed {} times. Bendings are those of the worst 10 mm; the life of \
-             steel is uncertain by a factor of ten at these diameters, that of polymer is what its maker tested",
+             steel (Feyrer's equation, constants not verified) is uncertain by a factor of ten at these diameters, that of polymer is what its maker tested",
             wear.runs.len(),
             wear.brake_closings
         );

@@ -164,7 +164,11 @@ pub(crate) fn show(
     // The refusal itself, with its code and help.
     let judged = plan.clone().judged().and_then(|plan| plan.watched(watch));
     let draws = common.record.is_some() || (drawing == Drawing::Always && judged.is_ok());
-    let tube = Tube::along(&plan, &belief)?;
+    // A refused plan is drawn without one: what is wrong with it is said first.
+    let tube = match &judged {
+        Ok(plan) => Tube::along(plan, &belief)?,
+        Err(_) => None,
+    };
     let folder = draws
         .then(|| draw(common, &name, &plan, &seen, tube.as_ref()))
         .transpose()?;

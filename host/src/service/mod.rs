@@ -308,7 +308,8 @@ impl<'a, L: Link> Bench<'a, L> {
                 CableKey::MaxCurrentMa => self.current_a() * 1e3,
                 CableKey::ForcePerCurrent if purpose == Purpose::PressOut => -force_per_a * 1e3,
                 CableKey::ForcePerCurrent => force_per_a * 1e3,
-                // It is unknown, and no newton of a bare drum is one.
+                // The robot file's value is in N at the cable; in service forces have another scale, and the friction
+                // is what is searched for.
                 CableKey::Friction => 0.0,
                 CableKey::TensionZeroUv => self.zero_v * 1e6,
                 CableKey::TensionMax => winch.tension_max_n * 1e3,

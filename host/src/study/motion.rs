@@ -463,20 +463,8 @@ pub fn row(case: &Case, seeds: u64) -> Row {
             }
         }
     }
-    let column = |pick: fn(&Outcome) -> f64| {
-        let mut values: Vec<f64> = good.iter().map(pick).collect();
-        values.sort_by(f64::total_cmp);
-        values
-    };
     let at = |pick: fn(&Outcome) -> f64, share: f64| {
-        let values = column(pick);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a small count"
-        )]
-        let index = (share * values.len().saturating_sub(1) as f64).round() as usize;
-        values.get(index).copied().unwrap_or(f64::NAN)
+        super::quantile(good.iter().map(pick).collect(), share)
     };
     let median = (!good.is_empty()).then(|| Outcome {
         path_mean_m: at(|o| o.path_mean_m, 0.5),

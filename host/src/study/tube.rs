@@ -128,19 +128,12 @@ pub fn audit(
         Err(error) if path.is_empty() => return Err(error),
         Err(error) => Some(error.to_string()),
     };
-    let mut ratios = ratios(&plan, tube.as_ref(), &path);
+    let ratios = ratios(&plan, tube.as_ref(), &path);
     let count = ratios.len().max(1) as f64;
     let mean = |of: &dyn Fn(&Ratio) -> f64| ratios.iter().map(of).sum::<f64>() / count;
     let (radius_mean_m, error_mean_m) = (mean(&|r| r.radius_m), mean(&|r| r.error_m));
     let error_max_m = ratios.iter().map(|r| r.error_m).fold(0.0, f64::max);
     let inside = ratios.iter().filter(|r| r.of() <= 1.0).count() as f64;
-    ratios.sort_by(|a, b| a.of().total_cmp(&b.of()));
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small count"
-    )]
-    let at = (0.95 * ratios.len().saturating_sub(1) as f64).round() as usize;
     Ok(Audit {
         seed,
         path_s: ratios.len() as f64 * 1e-3,
@@ -148,7 +141,7 @@ pub fn audit(
         radius_mean_m,
         error_mean_m,
         error_max_m,
-        needed: ratios.get(at).map_or(f64::NAN, Ratio::of),
+        needed: super::quantile(ratios.iter().map(Ratio::of).collect(), 0.95),
         stopped,
     })
 }

@@ -212,12 +212,3 @@ pub(super) fn triangulate(rows: &mut [Vec<f64>], columns: usize) -> bool {
     }
     true
 }
-
-/// The chi-square value that `sigmas` standard deviations of a normal distribution stand for (Wilson
-/// and Hilferty, 1931).
-pub(super) fn chi_square(rows: usize, sigmas: f64) -> f64 {
-    let k = rows as f64;
-    let part = 2.0 / (9.0 * k);
-    let root = 1.0 - part + sigmas * part.sqrt();
-    k * root * root * root
-}

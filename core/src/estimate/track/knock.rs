@@ -1,11 +1,12 @@
 //! What moved, when a rest does not fit: one cause at a time is set free, and the likelihoods of all
 //! rests that wait are compared (Willsky and Jones, 1976, with the filter's own rows).
 
-use super::gaussian::{Fit, Gaussian, chi_square};
+use super::gaussian::{Fit, Gaussian};
 use super::layout::Layout;
 use super::rows::vector;
 use super::{DOUBT_SIGMAS, Tracker};
 use crate::estimate::Measurements;
+use crate::estimate::region::chi2_quantile;
 use mcdpr_kinematics::Pose;
 use nalgebra::Vector3;
 
@@ -127,7 +128,7 @@ pub(super) fn explain(tracker: &Tracker) -> (Option<Named>, Option<Gaussian>) {
     let Some((likelihood, what, states, fit)) = found.into_iter().next() else {
         return (None, None);
     };
-    let fits = fit.squares < chi_square(fit.rows, DOUBT_SIGMAS);
+    let fits = fit.squares < chi2_quantile(fit.rows as f64, DOUBT_SIGMAS);
     if !fits || likelihood - second < CLEARER {
         return (None, None);
     }

@@ -14,9 +14,10 @@ mod rows;
 mod tests;
 
 use super::Measurements;
+use super::region::chi2_quantile;
 use crate::motion::{Model, StaticState};
 use crate::robot::Robot;
-use gaussian::{Fit, Gaussian, chi_square};
+use gaussian::{Fit, Gaussian};
 use knock::{Hypothesis, Pending};
 pub use knock::{Moved, Named};
 use layout::Layout;
@@ -317,7 +318,7 @@ impl Tracker {
         let Some((next, fit)) = self.taken(&self.now, &look) else {
             return self.doubted(look, f64::INFINITY);
         };
-        let doubt = fit.squares / chi_square(fit.rows, DOUBT_SIGMAS);
+        let doubt = fit.squares / chi2_quantile(fit.rows as f64, DOUBT_SIGMAS);
         if doubt > 1.0 || !doubt.is_finite() {
             return self.doubted(look, doubt);
         }

@@ -15,6 +15,7 @@ mod slopes;
 #[cfg(test)]
 mod tests;
 
+use super::region::radius_95_m;
 use crate::motion::{Plan, PlanError};
 use belief::PER_CABLE;
 pub use belief::{Belief, Doubts, Errors};
@@ -121,7 +122,7 @@ impl Tube {
             let point = TubePoint {
                 time_s,
                 tool_m: tool_m.into(),
-                radius_m: radius_m(&covariance),
+                radius_m: radius_95_m(&covariance, &Matrix3::zeros()),
             };
             points.push(point);
             if widest.is_none_or(|(known, _)| known.radius_m < point.radius_m) {
@@ -210,21 +211,4 @@ fn mostly(
     most.map_or(("", 0.0), |(what, part)| {
         (what, (part / whole.max(1e-18)).clamp(0.0, 1.0))
     })
-}
-
-/// Radius that holds 95 % of a normal distribution about zero, m: the sum of squares of its three axes
-/// is about a scaled chi-square with the same mean and variance (Satterthwaite, 1946), whose quantile is
-/// that of Wilson and Hilferty (1931).
-fn radius_m(covariance: &Matrix3<f64>) -> f64 {
-    /// 95 % of a normal distribution lie below.
-    const ONE_SIDED_95: f64 = 1.644_85;
-    let mean = covariance.trace();
-    let square = (covariance * covariance).trace();
-    if mean <= 0.0 || square <= 0.0 {
-        return 0.0;
-    }
-    let freedoms = mean * mean / square;
-    let part = 2.0 / (9.0 * freedoms);
-    let root = 1.0 - part + ONE_SIDED_95 * part.sqrt();
-    (mean * root * root * root).sqrt()
 }

@@ -162,11 +162,11 @@ impl Instant<'_> {
                 by_length.contains(&i),
                 cables,
             )?;
-            if error % PER_CABLE < 6 {
-                balance.refixed(i, &geometric(balance.pose, error % PER_CABLE), forces);
-                if error % PER_CABLE >= 3 {
-                    balance.rearmed(i, &geometric(balance.pose, error % PER_CABLE), forces);
-                }
+            let kind = error % PER_CABLE;
+            if kind < 3 {
+                balance.reanchored(i, &geometric(balance.pose, kind), forces);
+            } else if kind < 6 {
+                balance.reattached(i, &geometric(balance.pose, kind), forces);
             }
             return Some(out);
         }
@@ -320,30 +320,19 @@ impl Balance<'_> {
         }
     }
 
-    /// An anchor moves by `shift`, or an attachment by it, the other way round: the cable turns.
-    fn refixed(&self, i: usize, shift: &Vector3<f64>, out: &mut [f64]) {
-        let cable = (
-            self.paths.get(i),
-            self.turning.get(i),
-            self.tensions_n.get(i),
-        );
-        if let (Some(path), Some(turning), Some(tension_n)) = cable {
+    /// The anchor of a cable moves by `shift`: the cable turns.
+    fn reanchored(&self, i: usize, shift: &Vector3<f64>, out: &mut [f64]) {
+        let mut cables = self.paths.iter().zip(self.turning).zip(self.tensions_n);
+        if let Some(((path, turning), tension_n)) = cables.nth(i) {
             let pull = turning * shift * *tension_n;
             put(out, &pull, &self.arm(path).cross(&pull));
         }
     }
 
-    /// What an attachment's move does besides [`Self::refixed`]: the cable turns the other way, and the
-    /// same pull acts at another place.
-    fn rearmed(&self, i: usize, shift: &Vector3<f64>, out: &mut [f64]) {
-        let cable = (
-            self.paths.get(i),
-            self.turning.get(i),
-            self.tensions_n.get(i),
-        );
-        if let (Some(path), Some(turning), Some(tension_n)) = cable {
-            let pull = turning * shift * (-2.0 * tension_n);
-            put(out, &pull, &self.arm(path).cross(&pull));
+    /// The attachment of a cable moves by `shift`: the cable turns the other way, and pulls at another place.
+    fn reattached(&self, i: usize, shift: &Vector3<f64>, out: &mut [f64]) {
+        self.reanchored(i, &-shift, out);
+        if let (Some(path), Some(tension_n)) = (self.paths.get(i), self.tensions_n.get(i)) {
             let moment = shift.cross(&(path.direction * -*tension_n));
             put(out, &Vector3::zeros(), &moment);
         }

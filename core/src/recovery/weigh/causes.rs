@@ -8,8 +8,9 @@
 
 use super::{HOMED_M, Known, TAG_PLACE_M};
 use crate::estimate::EstimateError;
+use crate::estimate::region::radius_95_m;
 use crate::motion::Model;
-use crate::recovery::fuse::{Found, Weighed, fuse, radius_95_m};
+use crate::recovery::fuse::{Found, Weighed, fuse};
 use nalgebra::{Matrix3, Vector3};
 
 /// A cause with this probability counts as known.

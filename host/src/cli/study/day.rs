@@ -4,6 +4,7 @@ use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::motion::Model;
 use crate::run::{interrupted, watch_for_interrupts};
+use crate::study::quantile;
 use mcdpr_twin::day::{Day, DayError, Kind, Work};
 use mcdpr_twin::plant::{AfterHours, Mismatch};
 use rayon::prelude::*;
@@ -175,18 +176,6 @@ const fn word(kind: Kind) -> &'static str {
 fn mean_mm(day: &Day) -> f64 {
     let sum: f64 = day.samples.iter().map(|sample| sample.error_m).sum();
     sum / day.samples.len().max(1) as f64 * 1e3
-}
-
-/// The value below which a share of them lies.
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small count"
-    )]
-    let index = (share * values.len().saturating_sub(1) as f64).round() as usize;
-    values.get(index).copied().unwrap_or(f64::NAN)
 }
 
 fn median_of(days: &[Day], of: impl Fn(&Day) -> f64) -> f64 {

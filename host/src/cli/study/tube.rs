@@ -7,6 +7,7 @@ use crate::control::Handle;
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::run::{RunError, interrupted, watch_for_interrupts};
+use crate::study::quantile;
 use crate::study::tube::{Audit, audit};
 use indicatif::{ProgressBar, ProgressStyle};
 use mcdpr_core::estimate::tube::Belief;
@@ -70,17 +71,7 @@ impl Cmd {
         let inside = audits.iter().map(|a| a.inside_s).sum::<f64>() / seconds.max(1e-9);
         let whole = audits.iter().filter(|a| a.inside_s >= a.path_s).count();
         let column = |of: &dyn Fn(&Audit) -> f64| {
-            let mut values: Vec<f64> = audits.iter().map(of).collect();
-            values.sort_by(f64::total_cmp);
-            let at = |share: f64| {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "a small count"
-                )]
-                let index = (share * values.len().saturating_sub(1) as f64).round() as usize;
-                values.get(index).copied().unwrap_or(f64::NAN)
-            };
+            let at = |share| quantile(audits.iter().map(of).collect(), share);
             [at(0.5), at(0.0), at(1.0)]
         };
         let stopped = audits.iter().filter(|a| a.stopped.is_some()).count();
