@@ -59,8 +59,6 @@ pub struct Found {
     pub freedoms: usize,
     /// Measured minus estimated tensions, over their standard deviations.
     pub tension_residuals: Vec<f64>,
-    /// Sum of the squared whitened residuals of the lengths, if they were used.
-    pub length_chi2: f64,
     /// Change of the estimated tool position per metre of each cable, 3 x n.
     pub tool_per_length: DMatrix<f64>,
     /// Increase of the root of `chi2` per metre of each cable.
@@ -189,7 +187,7 @@ impl Problem<'_> {
 ///
 /// # Errors
 /// [`EstimateError`].
-pub fn fuse(
+pub(crate) fn fuse(
     model: &Model,
     weighed: &Weighed<'_>,
     start_m: &Vector3<f64>,
@@ -276,7 +274,6 @@ impl Problem<'_> {
             chi2: rows.norm_squared(),
             freedoms: rows.len().saturating_sub(UNKNOWNS),
             tension_residuals: rows.rows(lengths, tensions).iter().copied().collect(),
-            length_chi2: rows.rows(0, lengths).norm_squared(),
             tool_per_length: -tool_per_length,
             residual_per_length,
             rest,

@@ -3,13 +3,13 @@
 //!
 //! [`journal`] is the file that survives: the last states of a run in records with checksums. [`cut`]
 //! models the drums between the cut and the closed brakes, with covariance. [`looks`] finds motion and
-//! slack cables in the readings. [`fuse`] estimates by lengths, tensions and tags with least squares.
+//! slack cables in the readings. `fuse` estimates by lengths, tensions and tags with least squares.
 //! [`mod@reference`] is where the camera saw the tags when the robot was homed.
 //! [`gentle`] locates by winding one cable after the other. [`verdict`] accepts with a bound, or refuses and
 //! names the next measurement.
 
 pub mod cut;
-pub mod fuse;
+pub(crate) mod fuse;
 pub mod gentle;
 pub mod journal;
 pub mod looks;
