@@ -274,6 +274,7 @@ pub(crate) fn request_name(request: &Request) -> String {
         Request::Winch { cable } => return format!("to report the state of winch {cable}"),
         Request::Scan { .. } => "to look for drives",
         Request::Bench { .. } => "the self-test",
+        Request::Kept => "to report the lengths that it kept",
     };
     text.to_owned()
 }

@@ -255,6 +255,11 @@ impl VirtualBoard for ChipBoard {
         Ok(())
     }
 
+    fn set_supply_low(&mut self, low: bool) -> bool {
+        self.chip.lock().set_supply_low(low);
+        true
+    }
+
     fn advance_unpowered(
         &mut self,
         plant: &mut Plant,

@@ -79,6 +79,8 @@ pub(crate) struct Bus {
     pub identity: Identity,
     /// The real-time clock's divider: what it was loaded with, and when.
     rtc: (u32, u64),
+    /// The backup registers, which a reset leaves.
+    pub(crate) backup: [u16; 10],
     afio: [u32; 8],
     exti: [u32; 6],
     debug: u32,
@@ -174,6 +176,7 @@ impl Bus {
             watchdog: Watchdog::new(),
             identity: Identity::default(),
             rtc: (0x8000, 0),
+            backup: [0; 10],
             afio: [0; 8],
             exti: [0; 6],
             debug: 0,

@@ -172,6 +172,8 @@ pub struct Chip {
     /// Instructions take this many times their time.
     slowness: u64,
     pub(crate) jumpers: Option<Jumpers>,
+    /// A battery keeps the backup registers without a supply.
+    pub(crate) battery: bool,
 }
 
 impl Chip {
@@ -223,6 +225,7 @@ impl Chip {
             hangs: false,
             slowness: 1,
             jumpers: None,
+            battery: false,
         })
     }
 
@@ -239,11 +242,14 @@ impl Chip {
 
     /// Goes on after the supply was gone: RAM holds anything, all else is as at power-on. Counters of
     /// resets and lost ticks go on.
-    pub(crate) fn power_on(&mut self) {
+    pub fn power_on(&mut self) {
         let seed = self.bus.now;
         for (index, byte) in (0_u64..).zip(self.bus.ram.iter_mut()) {
             // Anything but what was there before: the low byte of a product with an odd number.
             *byte = (seed.wrapping_add(index).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8;
+        }
+        if !self.battery {
+            self.bus.backup = [0; 10];
         }
         self.begin_again(RESET_POWER);
     }
@@ -269,6 +275,7 @@ impl Chip {
         bus.rcc.pll_dead = old.rcc.pll_dead;
         bus.watchdog.oscillator_hz = old.watchdog.oscillator_hz;
         bus.identity = old.identity;
+        bus.backup = old.backup;
         bus.can.broken = old.can.broken;
         bus.can_line = old.can_line.clone();
         // The other nodes' frames stay: only the chip was reset.

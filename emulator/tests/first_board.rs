@@ -5,7 +5,7 @@ mod support;
 
 use mcdpr_emulator::{CanFrame, CanWiring, Drive, Port, ResetBy, Stop};
 use mcdpr_protocol::{BoardState, FaultId, Reject, Reply, Request, ResetCause};
-use support::{Bench, SLICE_US};
+use support::{Bench, SLICE_US, START};
 
 /// Another node is on the bus, which acknowledges.
 const WIRED: CanWiring = CanWiring {
@@ -283,4 +283,89 @@ fn the_state_reports_the_torque_that_a_drive_has_not_the_commanded_one() {
     assert_eq!(bench.status().torque_on, 0b0010);
     bench.run_ms(50);
     assert_eq!(bench.status().torque_on, 0, "it has fallen silent");
+}
+
+/// Turns every drum by so many counts, one every 300 us.
+fn turn(bench: &mut Bench, place: &mut i64, counts: i64) {
+    for _ in 0..counts {
+        *place += 1;
+        for timer in 1..=4 {
+            bench.chip.set_encoder(timer, *place);
+        }
+        for _ in 0..300 / SLICE_US {
+            assert_eq!(bench.chip.run_us(SLICE_US), Ok(()));
+        }
+    }
+}
+
+fn kept(bench: &mut Bench) -> mcdpr_protocol::Kept {
+    match bench.done(Request::Kept) {
+        Reply::Kept(kept) => kept,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_supply_that_dips_costs_no_lengths() {
+    let mut bench = Bench::new();
+    assert_eq!(kept(&mut bench), mcdpr_protocol::Kept::default(), "registers at power-on");
+    bench.prepare();
+    let mut place = 0;
+    turn(&mut bench, &mut place, 90);
+    bench.run_ms(2);
+    let before = bench.status();
+    assert!(before.referenced);
+    assert_eq!(kept(&mut bench).lengths.len(), 0, "it was not reset yet");
+    // The drums go on while the supply is low and the board starts.
+    assert!(bench.chip.set_supply_low(true), "it is watched");
+    reset(&mut bench, ResetBy::Software, 1);
+    turn(&mut bench, &mut place, 60);
+    bench.chip.set_supply_low(false);
+    bench.run_ms(20);
+    let kept_lengths = kept(&mut bench);
+    assert!(kept_lengths.counted);
+    assert_eq!(kept_lengths.brakes_open, 0);
+    assert_eq!(kept_lengths.lengths, before.lengths);
+    // Lengths of a configured board without a reference are the way since its start.
+    bench.configure();
+    bench.run_ms(2);
+    let since = bench.status();
+    assert!(!since.referenced);
+    for (cable, (way, length)) in (1..).zip(since.lengths.iter().zip(before.lengths.iter())) {
+        // 90 counts before the reset, 60 since: to a count, as the filter starts from any level.
+        let count = f64::from(length.0 - START) / 90.0;
+        let counts = f64::from(way.0) / count;
+        assert!((counts - 60.0).abs() < 1.01, "cable {cable}: {counts} counts");
+    }
+    // A second reset: what the drums did in between is not known to anybody.
+    bench.chip.inject_hard_fault();
+    reset(&mut bench, ResetBy::Software, 1);
+    bench.run_ms(20);
+    assert_eq!(kept(&mut bench).lengths.len(), 0);
+}
+
+#[test]
+fn a_board_that_hung_or_lost_its_supply_has_not_counted() {
+    for battery in [false, true] {
+        let mut bench = Bench::on(|chip| {
+            if battery {
+                chip.fit_battery();
+            }
+        });
+        bench.prepare();
+        bench.run_ms(2);
+        let lengths = bench.status().lengths;
+        bench.chip.hang();
+        reset(&mut bench, ResetBy::Watchdog, 60);
+        bench.run_ms(20);
+        let hung = kept(&mut bench);
+        assert_eq!((hung.lengths, hung.counted), (lengths, false));
+        bench.prepare();
+        bench.run_ms(2);
+        bench.chip.power_on();
+        bench.run_ms(20);
+        let kept = kept(&mut bench);
+        assert!(!kept.counted);
+        assert_eq!(kept.lengths.len(), if battery { 4 } else { 0 });
+    }
 }

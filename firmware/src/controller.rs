@@ -5,7 +5,8 @@ use crate::arming::{Arming, Oscillation, Phase, Service, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
 use crate::config::{Active, CableConfig, ConfigStore, Control};
 use crate::encoder::{Encoder, LengthScale, Sampled};
-use crate::io::{DriveInput, Inputs, Outputs, Scan};
+use crate::io::{Brake, DriveInput, Inputs, Outputs, Scan};
+use crate::kept::KeptLengths;
 use crate::motion::{CAPACITY, Motion};
 use crate::proof::{Proof, Verdict};
 use crate::segment::StoredRow;
@@ -28,6 +29,7 @@ mod requests;
 mod watching;
 
 use parking::Parked;
+use reporting::bits;
 
 /// Torque is held this long after the brakes have closed, ms.
 // Beyond the slowest brake's time: a brake may close later than its file states (B3).
@@ -437,6 +439,15 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    /// The lengths that a board keeps over a reset; `None` without a reference.
+    pub(crate) fn to_keep(&self) -> Option<KeptLengths<N>> {
+        let cables = &self.cables;
+        self.referenced.then(|| KeptLengths {
+            lengths: core::array::from_fn(|cable| cables.get(cable).map_or(0, |c| c.length)),
+            brakes_open: bits(&self.outputs.brakes.map(|brake| brake == Brake::Open)),
+        })
+    }
+
     #[inline(never)]
     fn measure(&mut self, inputs: &Inputs<N>) {
         self.scan = inputs.scan;
@@ -456,7 +467,7 @@ impl<const N: usize> Controller<N> {
                 cable.current_ma = drive.current_ma;
                 // Without a configuration the largest step is unknown: the counter is followed
                 // across its wrap.
-                lost |= cable.count(encoder, u16::MAX / 2);
+                lost |= cable.count(encoder, u16::MAX);
             }
             self.referenced &= !lost;
             return;

@@ -86,6 +86,7 @@ impl<const N: usize> Cycle<N> {
         self.server.tick(now, &self.inputs);
         let controller = self.server.controller();
         board.apply(now, controller.config(), controller.outputs());
+        board.keep(controller.to_keep().as_ref());
     }
 
     #[inline(never)]
@@ -137,6 +138,7 @@ impl<const N: usize> Cycle<N> {
             match &mut answer.result {
                 Ok(Reply::Info(info)) => board.complete(info),
                 Ok(Reply::Bench(report)) => board.measure(report, &self.inputs),
+                Ok(Reply::Kept(kept)) => board.kept(kept),
                 _ => {}
             }
             // There is room: it was just checked, and there is no other producer.

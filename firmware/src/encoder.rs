@@ -22,7 +22,7 @@ pub enum Sampled {
 /// Extends a wrapping 16-bit counter to 64 bits (S3), in either sign, and rejects glitches.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Encoder {
-    last: Option<u16>,
+    last: u16,
     counts: i64,
     step: i16,
     rejected: u8,
@@ -30,30 +30,26 @@ pub struct Encoder {
 
 impl Encoder {
     /// Takes the counter's value of this tick. `max_step` is the largest plausible change per tick,
-    /// in counts.
+    /// in counts. The origin is the counter's zero, at which it stands when its chip starts.
     ///
     /// ```
     /// use mcdpr_firmware::encoder::Encoder;
     /// let mut encoder = Encoder::default();
     /// encoder.sample(65_530, 40);
+    /// assert_eq!(encoder.counts(), -6);
     /// encoder.sample(4, 40);
-    /// assert_eq!(encoder.counts(), 10);
+    /// assert_eq!(encoder.counts(), 4);
     /// ```
     #[inline]
     pub fn sample(&mut self, counter: u16, max_step: u16) -> Sampled {
-        // The counter's first value is arbitrary: it is the origin.
-        let Some(last) = self.last else {
-            self.last = Some(counter);
-            return Sampled::Good;
-        };
         // A difference modulo 2^16 has the right sign up to 32,767 counts: the wrap needs no case
         // of its own (S3).
-        let step = counter.wrapping_sub(last).cast_signed();
+        let step = counter.wrapping_sub(self.last).cast_signed();
         // The most frequent case.
         if self.rejected == 0 && step.unsigned_abs() <= max_step {
             self.counts += i64::from(step);
             self.step = step;
-            self.last = Some(counter);
+            self.last = counter;
             return Sampled::Good;
         }
         self.doubt(counter, step, max_step)
@@ -69,12 +65,12 @@ impl Encoder {
             // knows the whole way.
             let predicted = i64::from(self.step) * i64::from(self.rejected);
             self.counts += i64::from(step) - predicted;
-            self.last = Some(counter);
+            self.last = counter;
             self.rejected = 0;
             return Sampled::Good;
         }
         if self.rejected >= MAX_REJECTED {
-            self.last = Some(counter);
+            self.last = counter;
             // The old speed says nothing about the new position.
             self.step = 0;
             self.rejected = 0;
@@ -86,7 +82,7 @@ impl Encoder {
         Sampled::Rejected
     }
 
-    /// Position since the first sample, counts; predicted while samples are rejected.
+    /// Position from the counter's zero, counts; predicted while samples are rejected.
     #[must_use]
     pub const fn counts(&self) -> i64 {
         self.counts

@@ -1,8 +1,9 @@
 //! Inputs and outputs of a tick, and the interface that a board implements.
 
 use crate::config::Active;
+use crate::kept::KeptLengths;
 use crate::supervisor::State;
-use mcdpr_protocol::{Bench, Info, Tick};
+use mcdpr_protocol::{Bench, Info, Kept, Tick};
 
 /// Last feedback of one drive.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
@@ -195,6 +196,10 @@ pub trait Board<const N: usize>: Line {
     fn measure(&mut self, report: &mut Bench, inputs: &Inputs<N>) {
         let _ = (report, inputs);
     }
+    /// Stores the lengths of this tick where a reset leaves them; without them, makes the stored ones invalid.
+    fn keep(&mut self, lengths: Option<&KeptLengths<N>>);
+    /// Adds the lengths that were stored before the last reset.
+    fn kept(&self, kept: &mut Kept);
     /// Shows the state to people near the board.
     fn show(&mut self, state: State, now: Tick) {
         let _ = (state, now);

@@ -22,6 +22,7 @@
 //! | [`cycle`] | the steps of a board in each millisecond, in one order on chip and simulator |
 //! | [`link`] | bytes to commands, answers and telemetry to bytes, below the tick |
 //! | [`io`] | inputs and outputs of a tick |
+//! | [`kept`] | lengths that outlive a reset |
 #![no_std]
 
 #[cfg(test)]
@@ -37,6 +38,7 @@ pub mod drives;
 pub mod encoder;
 mod fixed;
 pub mod io;
+pub mod kept;
 pub mod link;
 pub mod motion;
 mod proof;

@@ -230,7 +230,7 @@ impl<const N: usize> Server<N> {
     fn dispatch(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
         match &command.request {
             // Reading needs no session: a second host may look on (L14).
-            Request::Info | Request::Status | Request::Winch { .. } => {
+            Request::Info | Request::Status | Request::Winch { .. } | Request::Kept => {
                 self.controller.handle(now, &command.request)
             }
             // Neither does a stop: whoever sees a danger may stop the robot.

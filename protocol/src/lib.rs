@@ -47,8 +47,8 @@ pub use frame::{Channel, Deframer, FrameError, encode_frame};
 pub use hello::{Compatibility, Hello, ResetCause};
 pub use list::{List, PerCable};
 pub use message::{
-    Answer, BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, CanErrors, Command, Info, Reject,
-    Reply, Request, SequenceNumber, SessionId, StopKind, Winch,
+    Answer, BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, CanErrors, Command, Info, Kept,
+    Reject, Reply, Request, SequenceNumber, SessionId, StopKind, Winch,
 };
 pub use motion::{CableKnot, Coefficient, Knot, ResidualRow};
 pub use telemetry::{BoardState, Sample, SampleBlock, Status};
@@ -59,7 +59,7 @@ pub use units::{
 /// Version of the wire format: a board is never moved by a host of another major version.
 pub const PROTOCOL_MAJOR: u16 = 0;
 /// Minor version: additions only, once the major version is 1.
-pub const PROTOCOL_MINOR: u16 = 2;
+pub const PROTOCOL_MINOR: u16 = 3;
 
 /// Most cables that one board can drive.
 pub const MAX_CABLES: usize = 8;

@@ -138,6 +138,8 @@ pub enum Request {
         /// What is tested first.
         test: BenchTest,
     },
+    /// Lengths that the board kept over its last reset: answered with [`Reply::Kept`].
+    Kept,
 }
 
 impl Request {
@@ -152,6 +154,7 @@ impl Request {
                 | Self::Heartbeat { .. }
                 | Self::Stop(_)
                 | Self::Winch { .. }
+                | Self::Kept
         )
     }
 }
@@ -241,6 +244,21 @@ pub enum Reply {
     },
     /// To [`Request::Bench`].
     Bench(Bench),
+    /// To [`Request::Kept`].
+    Kept(Kept),
+}
+
+/// Lengths that a board kept over a reset. Append only.
+#[derive(Debug, Default, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct Kept {
+    /// Paid-out lengths in the last tick before the reset; empty if none are valid, or if the board has got a
+    /// reference since.
+    pub lengths: PerCable<TenthMicrometres>,
+    /// Brakes that were commanded open then; bit 0 is the first.
+    pub brakes_open: u8,
+    /// The encoders counted on from a few tens of microseconds after the last tick: the board was reset by itself,
+    /// while its supply lasted. Else the drums may have turned by any way since.
+    pub counted: bool,
 }
 
 /// Error counters of a CAN controller (ISO 11898-1).

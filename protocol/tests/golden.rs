@@ -1,4 +1,4 @@
-//! The stored bytes of version 0.1. While the major version is 0 they may change with a line in the
+//! The stored bytes of this version. While the major version is 0 they may change with a line in the
 //! changelog: `MCDPR_BLESS=1 cargo test -p mcdpr-protocol --test golden` rewrites them.
 #![allow(
     clippy::unwrap_used,

@@ -4,11 +4,13 @@ use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
 use crate::wire::{LinkOptions, WireVersion};
 use mcdpr_firmware::drives::DriveBus;
+use mcdpr_firmware::drives::last::LastDrives;
 use mcdpr_firmware::io::{self, Line, RING};
+use mcdpr_firmware::kept::KeptLengths;
 use mcdpr_firmware::link::{Incoming, LinkState, Outgoing, Queues};
 use mcdpr_firmware::{Active, Brake, Cycle, Inputs, Outputs};
 use mcdpr_protocol::frame::MAX_FRAME;
-use mcdpr_protocol::{FaultRecord, Hello, Info, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick};
+use mcdpr_protocol::{FaultId, FaultRecord, Hello, Info, Kept, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, TenthMicrometres, Tick};
 
 /// Bytes that a line at 921600 baud sends in a tick: a board passes it frames up to this amount.
 /// The next one waits for the next tick, so that an answer never queues behind much telemetry.
@@ -86,6 +88,20 @@ pub trait VirtualBoard {
     /// # Errors
     /// [`PlantError::Board`] where it cannot start.
     fn power_on(&mut self) -> Result<(), PlantError>;
+    /// The board's supply falls under the threshold of its voltage detector, or is back. It closes its brakes and
+    /// resets itself at once; its encoders count on. Returns whether the board does that itself; else it is
+    /// [`Self::restart`]ed when the supply is back, and gets no time until then.
+    fn set_supply_low(&mut self, low: bool) -> bool {
+        let _ = low;
+        false
+    }
+    /// The board starts after it has reset itself, with what a reset leaves.
+    ///
+    /// # Errors
+    /// [`PlantError::Board`] where it cannot start.
+    fn restart(&mut self) -> Result<(), PlantError> {
+        self.power_on()
+    }
     /// As [`Self::advance`] while the board has no supply: plant and drives are alone.
     ///
     /// # Errors
@@ -194,6 +210,19 @@ pub(crate) struct Board<const N: usize> {
     now: Tick,
     line_errors: u16,
     version: Option<WireVersion>,
+    memory: Memory<N>,
+    /// Drives that the board commanded before its reset, until it has stopped them.
+    to_stop: Option<LastDrives<N>>,
+}
+
+/// What a reset leaves, as the chip keeps it in its memory and backup registers.
+#[derive(Default)]
+struct Memory<const N: usize> {
+    /// Lengths of the last tick, with their checksum.
+    lengths: Option<(KeptLengths<N>, u16)>,
+    /// Those of before the reset, until the board has a reference again.
+    before: Option<KeptLengths<N>>,
+    drives: Option<LastDrives<N>>,
 }
 
 impl<const N: usize> Board<N> {
@@ -215,6 +244,8 @@ impl<const N: usize> Board<N> {
             now: first_tick,
             line_errors: 0,
             version,
+            memory: Memory::default(),
+            to_stop: None,
         }
     }
 
@@ -252,6 +283,7 @@ struct Rim<'a, const N: usize> {
     ring: &'a mut Ring,
     drives: &'a mut DriveBus<N>,
     line_errors: u16,
+    memory: &'a mut Memory<N>,
     cables: &'a [usize; N],
     /// Whether the gripper is on this board.
     first: bool,
@@ -289,6 +321,7 @@ impl<const N: usize> io::Board<N> for Rim<'_, N> {
         }
         let mut port = self.line.port();
         self.drives.tick(now, config, outputs, &mut port);
+        self.memory.drives = self.drives.take_new().or(self.memory.drives.take());
         for (i, brake) in outputs.brakes.iter().enumerate() {
             let applied = self
                 .plant
@@ -304,6 +337,22 @@ impl<const N: usize> io::Board<N> for Rim<'_, N> {
         // RMDS and CiA 402, as on the real board.
         info.drive_kinds = 0b110;
     }
+
+    fn keep(&mut self, lengths: Option<&KeptLengths<N>>) {
+        self.memory.lengths = lengths.map(|lengths| (*lengths, lengths.checksum()));
+        if lengths.is_some() {
+            self.memory.before = None;
+        }
+    }
+
+    fn kept(&self, kept: &mut Kept) {
+        if let Some(before) = &self.memory.before {
+            kept.lengths = List::collect(before.lengths.iter().copied().map(TenthMicrometres));
+            kept.brakes_open = before.brakes_open;
+            // A supply that fell and came back is the only reset here.
+            kept.counted = true;
+        }
+    }
 }
 
 impl<const N: usize> VirtualBoard for Board<N> {
@@ -316,6 +365,9 @@ impl<const N: usize> VirtualBoard for Board<N> {
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError> {
         self.now = self.now.after(1);
+        if let Some(last) = self.to_stop.take() {
+            self.drives.stop_at_start(&last, &mut line.port());
+        }
         self.ring.store(received);
         let (mut tick, mut link) = self.queues.split(&self.link);
         let receives = &mut self.incoming;
@@ -326,6 +378,7 @@ impl<const N: usize> VirtualBoard for Board<N> {
             ring: &mut self.ring,
             drives: &mut self.drives,
             line_errors: self.line_errors,
+            memory: &mut self.memory,
             cables: &self.cables,
             first: self.number == 0,
             applied: Ok(()),
@@ -341,6 +394,20 @@ impl<const N: usize> VirtualBoard for Board<N> {
             }
             send.extend_from_slice(&frame[..used]);
         }
+        Ok(())
+    }
+
+    fn restart(&mut self) -> Result<(), PlantError> {
+        let Memory {
+            lengths, drives, ..
+        } = std::mem::take(&mut self.memory);
+        self.power_on()?;
+        self.memory.before = lengths.and_then(|(lengths, sum)| lengths.checked(sum));
+        self.to_stop = drives;
+        self.cycle.start_in_fault(FaultId::P1);
+        let mut hello = hello(self.version, self.number);
+        hello.reset_cause = ResetCause::Panic;
+        self.outgoing = Outgoing::new(hello);
         Ok(())
     }
 

@@ -208,6 +208,27 @@ impl Simulation {
         Ok(())
     }
 
+    /// The first board's supply falls under the threshold of its voltage detector, or is back. The board resets
+    /// itself, and keeps what a reset leaves; its encoders count on.
+    ///
+    /// # Errors
+    /// [`PlantError::Board`] where the board cannot start again.
+    pub fn set_board_supply_low(&mut self, low: bool) -> Result<(), PlantError> {
+        let port = &mut self.ports[0];
+        if port.board.set_supply_low(low) {
+            return Ok(());
+        }
+        if low && port.powered {
+            // Its counters start at zero with the chip, some 20 us after the fall.
+            self.plant.restart_encoders();
+            port.powered = false;
+        } else if !low && !port.powered {
+            port.board.restart()?;
+            port.powered = true;
+        }
+        Ok(())
+    }
+
     /// A slice of time in which the board has no supply.
     fn unpowered(&mut self) -> Result<(), PlantError> {
         for cable in 0..self.plant.cable_count() {

@@ -116,12 +116,15 @@ fn p2_without_a_camera_lost_counts_need_the_users_confirmation() {
         let bound_mm = verdict.bound_mm.unwrap();
         assert!(off_mm < 1.5 * bound_mm, "{off_mm} of {bound_mm} mm");
     }
-    // A board that kept its supply has counted.
-    for supply in [Supply::Drives, Supply::Host] {
+    // A board that kept its supply has counted, and so has one whose supply dipped.
+    for supply in [Supply::Drives, Supply::Host, Supply::Dip] {
         let played = interrupted(&model, supply, Disturbance::None);
         let (verdict, off_mm) = recovered(&model, &played, false, false);
         assert!(verdict.accepted, "{}", verdict.sentence);
         assert!(off_mm < 1.5, "{off_mm} mm");
+        let used = verdict.used.join("; ");
+        let by_reset = used.contains("kept over its reset");
+        assert_eq!(by_reset, supply == Supply::Dip, "{used}");
     }
 }
 

@@ -199,6 +199,8 @@ impl<L: Lines> Boards<L> {
                 }
                 Ok(Ok(Reply::Status(self.joint_status(&parts))))
             }
+            // After a reset of one board the others still know their lengths: their joint state is not defined.
+            Request::Kept => Ok(Ok(Reply::Kept(mcdpr_protocol::Kept::default()))),
             _ => {
                 let winch = |reply: &&Result<Reply, Reject>| matches!(reply, Ok(Reply::Winch(_)));
                 let reply = replies.iter().find(winch).and_then(|r| r.clone().ok());

@@ -37,6 +37,9 @@ const UNSEEN_SHARE: f64 = 0.28;
 const HELD_S: f64 = 0.015;
 /// A drum slower than this is at rest, m/s: the steps of its encoder look like this speed.
 const STANDS_MPS: f64 = 5e-4;
+/// A tick, after which the lengths are kept, and the time from a reset to running counters, s: at 8 MHz some hundred
+/// instructions.
+const UNCOUNTED_S: f64 = 1e-3 + 5e-5;
 /// Step of the slopes, m.
 const STEP_M: f64 = 1e-4;
 const STEP_N: f64 = 0.05;
@@ -77,6 +80,20 @@ impl Lengths {
             mean_m: DVector::from_column_slice(lengths_m),
             covariance_m2: DMatrix::identity(count, count) * KNOWN_M.powi(2),
         }
+    }
+
+    /// Lengths of a board that was reset at these speeds (mean and standard deviation, m/s), and counted on: of its
+    /// last millisecond the part between tick and reset is not counted, uniform. Its mean is added.
+    #[must_use]
+    pub fn counted_on(lengths_m: &[f64], speeds_mps: &[[f64; 2]]) -> Self {
+        let mut lengths = Self::counted(lengths_m);
+        for (cable, [mean_mps, sd_mps]) in speeds_mps.iter().enumerate().take(lengths_m.len()) {
+            lengths.mean_m[cable] += mean_mps * UNCOUNTED_S / 2.0;
+            // A product of two independent values: time of mean T/2 and variance T²/12, and the speed.
+            let variance = mean_mps.powi(2) / 12.0 + sd_mps.powi(2) / 3.0;
+            lengths.covariance_m2[(cable, cable)] += variance * UNCOUNTED_S.powi(2);
+        }
+        lengths
     }
 
     /// Standard deviation of one length, m.

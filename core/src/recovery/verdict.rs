@@ -21,6 +21,13 @@ pub enum Source<'a> {
         /// Paid-out lengths.
         lengths_m: Vec<f64>,
     },
+    /// The board was reset by itself while its supply lasted, and its encoders counted on.
+    Reset {
+        /// Paid-out lengths: those of its last tick and the way since its start, m.
+        lengths_m: Vec<f64>,
+        /// Speeds at the reset, mean and standard deviation, m/s.
+        speeds_mps: Vec<[f64; 2]>,
+    },
     /// The board has lost its lengths; a valid journal exists.
     Journal(&'a Journal),
     /// The board has lost its lengths, and there is no valid journal.
@@ -229,7 +236,13 @@ fn without_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
     };
     let mut verdict = Verdict::of(estimates);
     BY_TAG.clone_into(&mut verdict.next);
-    verdict.used = vec![used_lengths(journal), "tensions at rest".to_owned()];
+    let lengths = match evidence.source {
+        Source::Reset { .. } => {
+            "the lengths that the board kept over its reset, and its counts since".to_owned()
+        }
+        _ => used_lengths(journal),
+    };
+    verdict.used = vec![lengths, "tensions at rest".to_owned()];
     if !estimates.fits() {
         verdict.contradicts.clone_from(&estimates.suspects);
         verdict.sentence = format!(

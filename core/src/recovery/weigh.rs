@@ -341,6 +341,16 @@ fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, Estima
                 before_m: lengths_m.clone(),
             }));
         }
+        Source::Reset {
+            lengths_m,
+            speeds_mps,
+        } => {
+            return Ok(Some(Known {
+                lengths: Lengths::counted_on(lengths_m, speeds_mps),
+                causes: Vec::new(),
+                before_m: lengths_m.clone(),
+            }));
+        }
         Source::Refused(_) => return Ok(None),
     };
     // Without a reference, counts begin at any length.

@@ -80,7 +80,10 @@ impl Bus {
                 let low = self.supply_low && self.power & PVDE != 0;
                 [self.power, if low { PVDO } else { 0 }].get(index).copied()
             }
-            Place::Backup => Some(0),
+            // DR1 to DR10 (RM0008, 6.4.1); the rest is not emulated.
+            Place::Backup => Some(index.checked_sub(1).map_or(0, |place| {
+                self.backup.get(place).copied().unwrap_or(0).into()
+            })),
             Place::Clock => {
                 let (from, since) = self.rtc;
                 let hz = self.watchdog.oscillator_hz;
@@ -161,10 +164,17 @@ impl Bus {
                 self.power = value;
                 Ok(())
             }
-            Place::Backup => Ok(()),
             // PWR_CR, bit 8 (RM0008, 5.4.1).
-            Place::Clock if self.power & 1 << 8 == 0 => {
+            Place::Backup | Place::Clock if self.power & 1 << 8 == 0 => {
                 Err("the backup domain is write-protected (DBP)")
+            }
+            Place::Backup => {
+                let place = index.checked_sub(1);
+                if let Some(register) = place.and_then(|place| self.backup.get_mut(place)) {
+                    // Registers of 16 bits.
+                    *register = value as u16;
+                }
+                Ok(())
             }
             Place::Clock => {
                 let from = self.rtc.0;

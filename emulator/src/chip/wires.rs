@@ -34,6 +34,11 @@ impl Chip {
         self.bus.set_supply_low(low)
     }
 
+    /// A battery at VBAT: the backup registers keep their contents without a supply.
+    pub fn fit_battery(&mut self) {
+        self.battery = true;
+    }
+
     /// Writes a word of RAM, as a debugger does: to start from a state that would take weeks to
     /// reach. Returns whether there is such a word.
     pub fn write_ram(&mut self, address: u32, value: u32) -> bool {

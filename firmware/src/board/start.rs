@@ -3,7 +3,7 @@
 use crate::bench::Gauge;
 use crate::clock::CYCLES_PER_TICK;
 use crate::life::Keeper;
-use crate::{can, encoders, fatal, identity, interrupts, keep, link, pins, tension, tick, uart};
+use crate::{can, fatal, identity, interrupts, keep, link, pins, tension, tick, uart};
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DWT, SYST};
 // The log's transport registers itself.
@@ -60,8 +60,7 @@ fn bring_up() -> (
     // The clocks took up to 14 ms of the watchdog's time.
     keeper.feed_at_start();
     pins::set_up();
-    watch_supply();
-    encoders::start();
+    watch_supply(&mut keeper);
     tension::start();
     let (sender, ring, tap) = uart::open();
 
@@ -72,6 +71,8 @@ fn bring_up() -> (
         drives: DriveBus::default(),
         tap,
         last_panic: reset.last_panic.clone(),
+        // Before the gauge: it resets the backup registers of a chip whose clock had another source.
+        lengths: keep::Lengths::open(reset.cause),
         gauge: Gauge::new(reset.flags, crystal),
     };
     // The drives continue with their last command until they are stopped.
@@ -97,9 +98,9 @@ fn bring_up() -> (
     (incoming, outgoing, syst)
 }
 
-/// From here on a supply under 2.9 V, of 3.3 V, closes the brakes (P1). One that is low already
-/// gives no edge: then the board restarts until it is not.
-fn watch_supply() {
+/// From here on a supply under 2.9 V, of 3.3 V, closes the brakes (P1). One that is low already gives no edge: then
+/// the board waits until it is not, with every output off, and the encoders count on.
+fn watch_supply(keeper: &mut Keeper) {
     pac::PWR.cr().write(|w| {
         w.set_pls(PVD_2V9);
         w.set_pvde(true);
@@ -108,8 +109,8 @@ fn watch_supply() {
     pac::EXTI.imr(0).write(|w| w.set_line(SUPPLY_LINE, true));
     interrupts::enable_link(pac::Interrupt::PVD);
     // After the interrupt is enabled: a fall in between is then either an edge or seen here.
-    if pac::PWR.csr().read().pvdo() {
-        fatal::stop(fatal::SUPPLY_LOW)
+    while pac::PWR.csr().read().pvdo() {
+        keeper.feed_at_start();
     }
 }
 

@@ -13,11 +13,12 @@ use core::sync::atomic::{AtomicPtr, Ordering};
 use cortex_m::peripheral::{DCB, DWT};
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::{Board, Line};
+use mcdpr_firmware::kept::KeptLengths;
 use mcdpr_firmware::link::TickEnds;
 use mcdpr_firmware::supply::Supply;
 use mcdpr_firmware::{Active, Cycle, Inputs, Outputs, State};
 use mcdpr_protocol::message::PANIC_BYTES;
-use mcdpr_protocol::{Bench, FaultId, Info, List, Tick};
+use mcdpr_protocol::{Bench, FaultId, Info, Kept, List, Tick};
 use static_cell::StaticCell;
 
 /// Greatest interval between the starts of two ticks: a tenth late is an overrun (P5).
@@ -44,6 +45,8 @@ pub struct Rim {
     pub last_panic: List<u8, PANIC_BYTES>,
     /// Measurements of the chip for the self-test.
     pub gauge: Gauge,
+    /// Lengths that a reset leaves.
+    pub lengths: keep::Lengths,
 }
 
 impl Line for Rim {
@@ -88,6 +91,14 @@ impl Board<CABLES> for Rim {
 
     fn measure(&mut self, report: &mut Bench, inputs: &Inputs<CABLES>) {
         self.gauge.fill(report, self.supply.millivolts(), inputs);
+    }
+
+    fn keep(&mut self, lengths: Option<&KeptLengths<CABLES>>) {
+        self.lengths.keep(lengths);
+    }
+
+    fn kept(&self, kept: &mut Kept) {
+        self.lengths.tell(kept);
     }
 
     fn show(&mut self, state: State, now: Tick) {

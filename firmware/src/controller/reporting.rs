@@ -34,11 +34,6 @@ impl<const N: usize> Controller<N> {
     /// State for a host; the counters of the link are the server's.
     #[must_use]
     pub fn status(&self) -> Status {
-        let bits = |values: &[bool]| {
-            // Bit 0 is cable 1.
-            let pairs = (0_u8..8).zip(values);
-            pairs.fold(0_u8, |bits, (bit, &set)| bits | (u8::from(set) << bit))
-        };
         let each = |value: fn(&Cable) -> i32| self.cables.iter().map(value);
         Status {
             tick: self.now,
@@ -62,4 +57,10 @@ impl<const N: usize> Controller<N> {
             ..Status::default()
         }
     }
+}
+
+/// Bit 0 is cable 1.
+pub(super) fn bits(values: &[bool]) -> u8 {
+    let pairs = (0_u8..8).zip(values);
+    pairs.fold(0_u8, |bits, (bit, &set)| bits | (u8::from(set) << bit))
 }

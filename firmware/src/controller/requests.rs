@@ -6,7 +6,7 @@ use super::{
 };
 use crate::watch::LinkHealth;
 use mcdpr_protocol::{
-    BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, Millinewtons, TenthMicrometres,
+    BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, Kept, Millinewtons, TenthMicrometres,
 };
 
 /// Largest plausible length, 0.1 µm (200 m).
@@ -85,6 +85,8 @@ impl<const N: usize> Controller<N> {
                 })
             }
             Request::Bench { test } => self.handle_bench(*test),
+            // The board adds them.
+            Request::Kept => Ok(Reply::Kept(Kept::default())),
             Request::Disarm => {
                 self.only_in(&[State::Arming, State::Holding, State::Disarmed])?;
                 // Disarming is a stop: brakes close and are tested under torque before torque is

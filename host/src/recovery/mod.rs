@@ -27,7 +27,7 @@ use crate::sight::TagSource;
 use mcdpr_core::recovery::looks::{Looks, RestReadings};
 use mcdpr_core::recovery::reference::{Homed, TagReference};
 use mcdpr_core::recovery::verdict::{by_gentle_test, gentle_helps};
-use mcdpr_protocol::BoardState;
+use mcdpr_protocol::{BoardState, Reply, Request};
 
 /// Readings of the sensors, and the time between them, µs: several periods of a swinging platform.
 const LOOKS: u32 = 60;
@@ -98,6 +98,8 @@ pub fn recover<L: Link>(
         Source::Board {
             lengths_m: status.lengths_m().collect(),
         }
+    } else if let Some(source) = counted_on(client, model, &before.journal)? {
+        source
     } else {
         match &before.journal {
             Ok(journal) => Source::Journal(journal),
@@ -106,7 +108,7 @@ pub fn recover<L: Link>(
     };
     // Statics with the object that the jaws hold: without it tensions contradict the lengths.
     let lengths_m: Vec<f64> = match &source {
-        Source::Board { lengths_m } => lengths_m.clone(),
+        Source::Board { lengths_m } | Source::Reset { lengths_m, .. } => lengths_m.clone(),
         Source::Journal(journal) => {
             let cables = journal.last.iter().flat_map(|last| &last.cables);
             cables.map(|cable| cable.length_m).collect()
@@ -164,6 +166,45 @@ pub fn recover<L: Link>(
         client.request(reference)?;
     }
     Ok(verdict)
+}
+
+/// The lengths of a board that was reset while its supply lasted; `None` where it kept none, or has not counted since.
+/// The speeds at the reset are those of the journal's last record; without a valid journal the robot's greatest ones
+/// are assumed.
+///
+/// # Errors
+/// The client's.
+fn counted_on<'a, L: Link>(
+    client: &mut Client<L>,
+    model: &Model,
+    journal: &Result<Journal, JournalError>,
+) -> Result<Option<Source<'a>>, RunError> {
+    let Reply::Kept(kept) = client.request(Request::Kept)? else {
+        return Ok(None);
+    };
+    let since = run::status(client)?;
+    let cables = model.robot().cables.len();
+    if !kept.counted || since.referenced || kept.lengths.len() != cables {
+        return Ok(None);
+    }
+    // Without a reference the board's lengths are the way since its start.
+    let before = kept.lengths.iter().map(|length| length.metres());
+    let lengths_m: Vec<f64> = before.zip(since.lengths_m()).map(|(a, b)| a + b).collect();
+    let last = journal.as_ref().ok().and_then(|journal| journal.last.as_ref());
+    let moving = |cable: usize| {
+        if kept.brakes_open >> cable & 1 == 0 {
+            return [0.0, 0.0];
+        }
+        match last.and_then(|last| last.cables.get(cable)) {
+            // The last record is some 10 ms old.
+            Some(cable) => [cable.speed_mps, 0.1 * cable.speed_mps.abs()],
+            None => [0.0, model.robot().limits.speed_mps],
+        }
+    };
+    Ok(Some(Source::Reset {
+        lengths_m,
+        speeds_mps: (0..cables).map(moving).collect(),
+    }))
 }
 
 /// Looks at tags while the robot rests with known lengths, m, as it does after homing; nothing moves. `None`

@@ -203,6 +203,7 @@ pub fn requests() -> Vec<(&'static str, Request)> {
                 test: BenchTest::Output { output: 5 },
             },
         ),
+        ("Kept", Request::Kept),
     ]
 }
 
@@ -279,6 +280,14 @@ pub fn replies() -> Vec<(&'static str, Reply)> {
                 stack_free: 3500,
                 inputs: 1,
                 outputs: 0,
+            }),
+        ),
+        (
+            "Kept",
+            Reply::Kept(Kept {
+                lengths: list([12_345_678, 9_000_000].map(TenthMicrometres)),
+                brakes_open: 0b11,
+                counted: true,
             }),
         ),
     ]

@@ -168,9 +168,12 @@ fn cut(simulation: &mut Simulation, supply: Supply) -> Result<HostSide, PlantErr
     if matches!(supply, Supply::Board | Supply::All) {
         simulation.set_board_power(false)?;
     }
+    if supply == Supply::Dip {
+        simulation.set_board_supply_low(true)?;
+    }
     Ok(match supply {
         Supply::Host | Supply::All => HostSide::Silent(u64::MAX),
-        Supply::Board | Supply::Drives => HostSide::Fine,
+        Supply::Board | Supply::Drives | Supply::Dip => HostSide::Fine,
     })
 }
 
@@ -243,6 +246,9 @@ fn apply_to_plant(
 /// [`PlantError::Board`] if a board does not start again.
 pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) -> Result<(), PlantError> {
     let fine = WireFaults::default();
+    if injection.supply == Some(Supply::Dip) {
+        return simulation.set_board_supply_low(false);
+    }
     if injection.supply.is_some() {
         simulation.plant_mut().set_power(true);
         return simulation.set_board_power(true);

@@ -102,15 +102,18 @@ pub enum Supply {
     Host,
     /// All of them.
     All,
+    /// The board's, which only dips: its voltage detector resets the board, which keeps what a reset leaves.
+    Dip,
 }
 
 impl Supply {
     /// Every supply, with its name on the command line.
-    pub const ALL: [(Self, &'static str); 4] = [
+    pub const ALL: [(Self, &'static str); 5] = [
         (Self::Board, "board"),
         (Self::Drives, "drives"),
         (Self::Host, "host"),
         (Self::All, "all"),
+        (Self::Dip, "dip"),
     ];
 }
 

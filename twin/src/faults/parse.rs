@@ -18,7 +18,7 @@ pub enum ScenarioError {
     #[diagnostic(
         code(mcdpr::scenario::form),
         help(
-            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool, or power:all@3s/2s for a supply (board, drives, host, all) that is gone for two seconds; `mcdpr faults` lists the ids"
+            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool, or power:all@3s/2s for a supply (board, drives, host, all, or dip: the board's dips) that is gone for two seconds; `mcdpr faults` lists the ids"
         )
     )]
     Form {
@@ -141,8 +141,8 @@ impl Injection {
     /// number of seconds after the motion's start, `start` for before the robot arms, or
     /// `stopping+0.1s` for so long after a [`Phase`] has begun. `snag@TIME`
     /// is a hook that catches the tool, `snag:+x@TIME` one that holds against motion along +x.
-    /// `power:WHOSE@TIME/DURATION` cuts the supply of `board`, `drives`, `host` or `all`; P1 is the
-    /// board's. Without a duration it stays away.
+    /// `power:WHOSE@TIME/DURATION` cuts the supply of `board`, `drives`, `host` or `all`, or lets the board's `dip`; P1
+    /// is the board's. Without a duration it stays away.
     ///
     /// ```
     /// use mcdpr_twin::faults::{Injection, When};
@@ -185,7 +185,7 @@ impl Injection {
         if is_power(what) {
             let supply = supply_named(what);
             let supply =
-                supply.ok_or_else(|| form("its supply is not board, drives, host or all"))?;
+                supply.ok_or_else(|| form("its supply is not board, drives, host, all or dip"))?;
             return Ok(Self::cut(supply, when));
         }
         let (id, cable) = match what.split_once(':') {

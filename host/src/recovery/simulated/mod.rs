@@ -189,7 +189,7 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
     if let Disturbance::Moved { by_m } = case.disturbance {
         moved(model, &link, Vector3::from(by_m))?;
     }
-    let alive = matches!(case.supply, Supply::Board | Supply::Drives);
+    let alive = matches!(case.supply, Supply::Board | Supply::Drives | Supply::Dip);
     Ok(Some(AfterCut {
         drop_m: if case.supply == Supply::Host {
             0.0
