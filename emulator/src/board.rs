@@ -255,6 +255,15 @@ impl VirtualBoard for ChipBoard {
         Ok(())
     }
 
+    fn fit_battery(&mut self) {
+        self.chip.lock().fit_battery();
+    }
+
+    fn restart(&mut self) -> Result<(), PlantError> {
+        // The chip resets itself.
+        Ok(())
+    }
+
     fn set_supply_low(&mut self, low: bool) -> bool {
         self.chip.lock().set_supply_low(low);
         true

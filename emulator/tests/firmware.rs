@@ -296,7 +296,16 @@ fn p1_a_falling_supply_closes_the_brakes_and_keeps_the_board_down_until_it_is_ba
         assert_eq!(bench.chip.run_us(SLICE_US), Ok(()));
     }
     assert_eq!(bench.chip.uart_take(), [], "it says nothing");
-    assert!(bench.chip.pins().brakes.iter().all(|pin| *pin == Drive::Low), "{:?}", bench.chip.pins());
+    assert!(
+        bench
+            .chip
+            .pins()
+            .brakes
+            .iter()
+            .all(|pin| *pin == Drive::Low),
+        "{:?}",
+        bench.chip.pins()
+    );
     bench.chip.set_supply_low(false);
     bench.run_ms(20);
     assert_eq!(bench.hello().reset_cause, ResetCause::Panic);

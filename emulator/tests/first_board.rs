@@ -308,7 +308,11 @@ fn kept(bench: &mut Bench) -> mcdpr_protocol::Kept {
 #[test]
 fn a_supply_that_dips_costs_no_lengths() {
     let mut bench = Bench::new();
-    assert_eq!(kept(&mut bench), mcdpr_protocol::Kept::default(), "registers at power-on");
+    assert_eq!(
+        kept(&mut bench),
+        mcdpr_protocol::Kept::default(),
+        "registers at power-on"
+    );
     bench.prepare();
     let mut place = 0;
     turn(&mut bench, &mut place, 90);
@@ -335,7 +339,10 @@ fn a_supply_that_dips_costs_no_lengths() {
         // 90 counts before the reset, 60 since: to a count, as the filter starts from any level.
         let count = f64::from(length.0 - START) / 90.0;
         let counts = f64::from(way.0) / count;
-        assert!((counts - 60.0).abs() < 1.01, "cable {cable}: {counts} counts");
+        assert!(
+            (counts - 60.0).abs() < 1.01,
+            "cable {cable}: {counts} counts"
+        );
     }
     // A second reset: what the drums did in between is not known to anybody.
     bench.chip.inject_hard_fault();

@@ -10,7 +10,10 @@ use mcdpr_firmware::kept::KeptLengths;
 use mcdpr_firmware::link::{Incoming, LinkState, Outgoing, Queues};
 use mcdpr_firmware::{Active, Brake, Cycle, Inputs, Outputs};
 use mcdpr_protocol::frame::MAX_FRAME;
-use mcdpr_protocol::{FaultId, FaultRecord, Hello, Info, Kept, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, TenthMicrometres, Tick};
+use mcdpr_protocol::{
+    FaultId, FaultRecord, Hello, Info, Kept, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause,
+    TenthMicrometres, Tick,
+};
 
 /// Bytes that a line at 921600 baud sends in a tick: a board passes it frames up to this amount.
 /// The next one waits for the next tick, so that an answer never queues behind much telemetry.
@@ -95,13 +98,13 @@ pub trait VirtualBoard {
         let _ = low;
         false
     }
+    /// Fits a battery, which keeps the board's backup registers without a supply.
+    fn fit_battery(&mut self);
     /// The board starts after it has reset itself, with what a reset leaves.
     ///
     /// # Errors
     /// [`PlantError::Board`] where it cannot start.
-    fn restart(&mut self) -> Result<(), PlantError> {
-        self.power_on()
-    }
+    fn restart(&mut self) -> Result<(), PlantError>;
     /// As [`Self::advance`] while the board has no supply: plant and drives are alone.
     ///
     /// # Errors
@@ -223,6 +226,10 @@ struct Memory<const N: usize> {
     /// Those of before the reset, until the board has a reference again.
     before: Option<KeptLengths<N>>,
     drives: Option<LastDrives<N>>,
+    /// The encoders have counted since.
+    counted: bool,
+    /// A battery keeps the lengths without a supply.
+    battery: bool,
 }
 
 impl<const N: usize> Board<N> {
@@ -252,6 +259,27 @@ impl<const N: usize> Board<N> {
     /// Takes the name that goes with its number.
     fn name(&mut self) {
         self.outgoing = Outgoing::new(hello(self.version, self.number));
+    }
+
+    /// Starts anew: after a reset by itself with all that a reset leaves, else with what a battery kept.
+    fn start(&mut self, by_itself: bool) {
+        let memory = std::mem::take(&mut self.memory);
+        let (cables, number) = (self.cables, self.number);
+        *self = Self::new(Tick(0), self.version);
+        (self.cables, self.number) = (cables, number);
+        let lengths = memory.lengths.filter(|_| by_itself || memory.battery);
+        self.memory = Memory {
+            before: lengths.and_then(|(lengths, sum)| lengths.checked(sum)),
+            counted: by_itself,
+            battery: memory.battery,
+            ..Memory::default()
+        };
+        let mut hello = hello(self.version, number);
+        if by_itself {
+            hello.reset_cause = ResetCause::Panic;
+            self.to_stop = memory.drives;
+        }
+        self.outgoing = Outgoing::new(hello);
     }
 
     fn outputs(&self) -> &Outputs<N> {
@@ -349,8 +377,7 @@ impl<const N: usize> io::Board<N> for Rim<'_, N> {
         if let Some(before) = &self.memory.before {
             kept.lengths = List::collect(before.lengths.iter().copied().map(TenthMicrometres));
             kept.brakes_open = before.brakes_open;
-            // A supply that fell and came back is the only reset here.
-            kept.counted = true;
+            kept.counted = self.memory.counted;
         }
     }
 }
@@ -397,25 +424,18 @@ impl<const N: usize> VirtualBoard for Board<N> {
         Ok(())
     }
 
+    fn fit_battery(&mut self) {
+        self.memory.battery = true;
+    }
+
     fn restart(&mut self) -> Result<(), PlantError> {
-        let Memory {
-            lengths, drives, ..
-        } = std::mem::take(&mut self.memory);
-        self.power_on()?;
-        self.memory.before = lengths.and_then(|(lengths, sum)| lengths.checked(sum));
-        self.to_stop = drives;
+        self.start(true);
         self.cycle.start_in_fault(FaultId::P1);
-        let mut hello = hello(self.version, self.number);
-        hello.reset_cause = ResetCause::Panic;
-        self.outgoing = Outgoing::new(hello);
         Ok(())
     }
 
     fn power_on(&mut self) -> Result<(), PlantError> {
-        let (cables, number) = (self.cables, self.number);
-        *self = Self::new(Tick(0), self.version);
-        (self.cables, self.number) = (cables, number);
-        self.name();
+        self.start(false);
         Ok(())
     }
 

@@ -208,6 +208,11 @@ impl Simulation {
         Ok(())
     }
 
+    /// Fits the first board's battery, which keeps its backup registers without a supply.
+    pub fn fit_battery(&mut self) {
+        self.ports[0].board.fit_battery();
+    }
+
     /// The first board's supply falls under the threshold of its voltage detector, or is back. The board resets
     /// itself, and keeps what a reset leaves; its encoders count on.
     ///

@@ -40,6 +40,7 @@ fn interrupted(model: &Model, supply: Supply, disturbance: Disturbance) -> After
         lasts_s: 1.0,
         disturbance,
         seen_at_home: false,
+        battery: false,
         controller: Controller::InProcess,
     };
     simulate(model, &cut).unwrap().unwrap()
@@ -82,6 +83,7 @@ fn p2_a_view_of_the_tag_at_homing_makes_the_recovery_more_exact() {
         lasts_s: 1.0,
         disturbance: Disturbance::None,
         seen_at_home: false,
+        battery: false,
         controller: Controller::InProcess,
     };
     let mut bounds_mm = Vec::new();
@@ -126,6 +128,47 @@ fn p2_without_a_camera_lost_counts_need_the_users_confirmation() {
         let by_reset = used.contains("kept over its reset");
         assert_eq!(by_reset, supply == Supply::Dip, "{used}");
     }
+}
+
+#[test]
+fn p2_a_battery_keeps_the_last_lengths_when_everything_else_loses_its_supply() {
+    let model = model("paper-table5");
+    let mut cut = SimulatedCut {
+        task: task(&model),
+        mismatch: Mismatch::realistic(),
+        seed: 3,
+        supply: Supply::All,
+        at_s: 0.8,
+        lasts_s: 1.0,
+        disturbance: Disturbance::None,
+        seen_at_home: false,
+        battery: true,
+        controller: Controller::InProcess,
+    };
+    let with = simulate(&model, &cut).unwrap().unwrap();
+    let (verdict, off_mm) = recovered(&model, &with, false, true);
+    assert!(verdict.accepted, "{}", verdict.sentence);
+    let used = verdict.used.join("; ");
+    assert!(used.contains("battery kept"), "{used}");
+    let bound_mm = verdict.bound_95_mm.unwrap();
+    assert!(off_mm < bound_mm, "{off_mm} of {bound_mm} mm");
+    cut.battery = false;
+    let without = simulate(&model, &cut).unwrap().unwrap();
+    let (verdict, _) = recovered(&model, &without, false, true);
+    assert!(bound_mm < verdict.bound_95_mm.unwrap());
+    // The journal of another hour.
+    let mut old = with.read(&model, u64::MAX / 2).unwrap();
+    for cable in &mut old.last.as_mut().unwrap().cables {
+        cable.length_m += 0.02;
+    }
+    old.ended = true;
+    let (verdict, _) = with.recover(&model, Ok(old), false, true, 5e-3).unwrap();
+    assert!(!verdict.accepted);
+    assert!(
+        verdict.sentence.contains("not of the same time"),
+        "{}",
+        verdict.sentence
+    );
 }
 
 #[test]

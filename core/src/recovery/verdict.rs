@@ -49,6 +49,8 @@ pub struct Evidence<'a> {
     pub untouched: bool,
     /// Whether the user states that computer and robot lost their supply at the same time.
     pub together: bool,
+    /// Lengths in the last tick before the board lost its supply, m, from registers that a battery kept.
+    pub registers_m: Option<Vec<f64>>,
     /// Largest bound of the tool's position that the job allows, m.
     pub bound_m: f64,
 }
@@ -97,6 +99,9 @@ pub struct Verdict {
     #[serde(skip)]
     pub tensions_n: Vec<f64>,
 }
+
+/// The last record is at most this much older than the last tick, s, where the program went on.
+const LATE_S: f64 = 0.2;
 
 pub(super) const BY_TAG: &str =
     "bring a tag whose place is known into the camera's view and recover again";
@@ -180,6 +185,9 @@ fn decide(model: &Model, evidence: &Evidence<'_>) -> Result<Verdict, EstimateErr
         let sentence = format!("the journal is not valid: {reason}; the file is unchanged");
         return Ok(Verdict::refused(sentence, next));
     }
+    if let Some(sentence) = contradicted(model, evidence) {
+        return Ok(Verdict::refused(sentence, BY_TAG));
+    }
     // Slack and drift before the estimate: statics hold for taut cables at rest only.
     if let Some(slack) = evidence.rest.slack() {
         let number = slack.cable + 1;
@@ -226,6 +234,26 @@ fn decide(model: &Model, evidence: &Evidence<'_>) -> Result<Verdict, EstimateErr
     }
 }
 
+/// Whether the board's registers and the journal are of different times: a board moves for some tenths of a second at
+/// most after the last record, unless its computer failed long before it.
+fn contradicted(model: &Model, evidence: &Evidence<'_>) -> Option<String> {
+    let (Source::Journal(journal), Some(registers_m)) = (&evidence.source, &evidence.registers_m)
+    else {
+        return None;
+    };
+    let last = journal.last.as_ref().filter(|_| journal.ended)?;
+    let pairs = last.cables.iter().zip(registers_m);
+    let apart = pairs.map(|(cable, kept_m)| (cable.length_m - kept_m).abs());
+    let (cable, apart_m) = (1..).zip(apart).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let most_m = LATE_S * model.robot().limits.speed_mps + 1e-3;
+    (apart_m > most_m).then(|| {
+        format!(
+            "the journal and the lengths that the board's battery kept are {} apart at cable {cable}: they are not of the same time",
+            mm(apart_m)
+        )
+    })
+}
+
 /// The decision by lengths and tensions alone.
 fn without_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
     let found = estimates.best();
@@ -239,6 +267,10 @@ fn without_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
     let lengths = match evidence.source {
         Source::Reset { .. } => {
             "the lengths that the board kept over its reset, and its counts since".to_owned()
+        }
+        Source::Journal(_) if evidence.registers_m.is_some() => {
+            "the lengths that the board's battery kept, the journal's speeds, and the model of the drums until their brakes close"
+                .to_owned()
         }
         _ => used_lengths(journal),
     };
@@ -297,7 +329,7 @@ fn moved_unseen(journal: &Journal, evidence: &Evidence<'_>) -> bool {
             BoardState::Moving | BoardState::Pausing | BoardState::Stopping
         )
     });
-    moving && !journal.ended && !evidence.together
+    moving && !journal.ended && !evidence.together && evidence.registers_m.is_none()
 }
 
 fn used_lengths(journal: Option<&Journal>) -> String {

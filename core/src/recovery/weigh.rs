@@ -57,6 +57,9 @@ const UNSEEN_DEAD_S: [f64; 2] = [0.036, 0.018];
 /// The same where the program continued: a block of samples on its way.
 const UNSEEN_ALIVE_S: [f64; 2] = [0.007, 0.004];
 
+/// The same where the board's battery kept the lengths of its last tick.
+const UNSEEN_TICK_S: [f64; 2] = [5e-4, 3e-4];
+
 /// Lengths by the journal or the board.
 #[derive(Debug, Clone)]
 pub(super) struct Known {
@@ -360,6 +363,12 @@ fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, Estima
     if last.cables.len() != model.robot().cables.len() {
         return Ok(None);
     }
+    let mut last = last.clone();
+    if let Some(registers_m) = &evidence.registers_m {
+        for (cable, kept_m) in last.cables.iter_mut().zip(registers_m) {
+            cable.length_m = *kept_m;
+        }
+    }
     let before_m: Vec<f64> = last.cables.iter().map(|cable| cable.length_m).collect();
     let tensions_n: Vec<f64> = last.cables.iter().map(|cable| cable.tension_n).collect();
     let rest = model
@@ -367,7 +376,9 @@ fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, Estima
         .map_err(|source| EstimateError::NoFit {
             source: Box::new(source),
         })?;
-    let [unseen_s, unseen_sd_s] = if journal.ended {
+    let [unseen_s, unseen_sd_s] = if evidence.registers_m.is_some() {
+        UNSEEN_TICK_S
+    } else if journal.ended {
         UNSEEN_ALIVE_S
     } else {
         UNSEEN_DEAD_S
@@ -380,7 +391,7 @@ fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, Estima
             unseen_sd_s,
             torque_gone,
         };
-        lengths_after(model, &rest, last, &cut)
+        lengths_after(model, &rest, &last, &cut)
     };
     let cause = |probability: f64, torque_gone: f64| Cause {
         probability,

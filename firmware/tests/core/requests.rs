@@ -124,6 +124,7 @@ fn requests(bench: &Bench) -> Vec<(Request, &'static [State])> {
             &[Disarmed],
         ),
         (Request::Winch { cable: 1 }, &STATES),
+        (Request::Kept, &STATES),
         (Request::Scan { restart: true }, unarmed),
         (Request::Disarm, &[Arming, Holding, Disarmed]),
         (Request::Knot(next), &[Holding, Moving, Pausing]),

@@ -8,7 +8,6 @@ use crate::link::{Client, ClientError, Link, SimulatedLink};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::robot::Robot;
-use crate::run::saved::{board_name, scale_of};
 use crate::run::{self, Homing, LengthFiles, RunError, Session, new_session, watch_for_interrupts};
 use mcdpr_protocol::Request;
 
@@ -30,8 +29,7 @@ fn power<L: Link>(client: &mut Client<L>, robot: &Robot) -> miette::Result<Optio
     if run::status(client)?.referenced {
         return Ok(None);
     }
-    let board = board_name(client.hello());
-    let sentence = crate::recovery::after_cut(&board, scale_of(robot));
+    let sentence = crate::recovery::after_cut(client, robot)?;
     Ok(sentence.map(|sentence| {
         let next = "`mcdpr recover --on PORT`";
         Finding::with(Verdict::Note, "power", sentence, next)

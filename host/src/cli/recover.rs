@@ -45,6 +45,9 @@ pub(crate) struct Cmd {
     /// On the simulator: look at the tag on the floor
     #[arg(long)]
     tag: bool,
+    /// On the simulator: the board has a battery at VBAT
+    #[arg(long)]
+    battery: bool,
     /// On the simulator: then continue the task (on a port: `mcdpr run TASK --resume`)
     #[arg(long)]
     resume: bool,
@@ -76,6 +79,11 @@ impl Cmd {
             let reason = "that is the simulator's camera; name one with --camera";
             return Err(Failed::from_error("--tag")(reason).into());
         }
+        if self.battery {
+            let reason =
+                "that is the simulator's board; a real one tells by itself whether it has one";
+            return Err(Failed::from_error("--battery")(reason).into());
+        }
         let mut camera = self.eye.tags(model.robot(), &common.page)?;
         let calibrated = model.robot().calibrated.as_ref();
         let places = calibrated.map_or(Vec::new(), |calibrated| calibrated.places.clone());
@@ -101,7 +109,7 @@ impl Cmd {
         let cut = Injection::parse(&self.fault, cables)?;
         let wrong = |reason: &str| Failed::from_error("--fault")(reason.to_owned());
         let supply = cut.supply.ok_or_else(|| {
-            wrong("it cuts no supply: give power:board, power:drives, power:host or power:all")
+            wrong("it cuts no supply: give power:board, power:drives, power:host, power:all or power:dip")
         })?;
         let When::Motion(at_s) = cut.when else {
             return Err(wrong("give a time after the motion's start, such as 2s").into());
@@ -116,6 +124,7 @@ impl Cmd {
             lasts_s: cut.lasts_s.unwrap_or(1.0),
             disturbance: Disturbance::None,
             seen_at_home: self.tag,
+            battery: self.battery,
             controller: common.controller.clone(),
         };
         let phase = Phase::begin("simulating the loss of power and the recovery");

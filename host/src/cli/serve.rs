@@ -413,9 +413,7 @@ impl Show<'_> {
         }
         // A simulated robot in this process is placed at home by the program.
         if self.common.on != "sim" && !run::status(client)?.referenced {
-            let board = run::saved::board_name(client.hello());
-            let scale = run::saved::scale_of(self.model.robot());
-            if let Some(sentence) = crate::recovery::after_cut(&board, scale) {
+            if let Some(sentence) = crate::recovery::after_cut(client, self.model.robot())? {
                 self.feed
                     .set_trouble(&format!("{sentence}; next: `mcdpr recover`"));
                 self.cut.set(true);

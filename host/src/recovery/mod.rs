@@ -21,13 +21,13 @@ use crate::estimate::Measurements;
 use crate::link::{Client, Link};
 use crate::motion::Model;
 use crate::record::TaskSource;
-use crate::robot::TagPlace;
+use crate::robot::{Robot, TagPlace};
 use crate::run::{self, RunError};
 use crate::sight::TagSource;
 use mcdpr_core::recovery::looks::{Looks, RestReadings};
 use mcdpr_core::recovery::reference::{Homed, TagReference};
 use mcdpr_core::recovery::verdict::{by_gentle_test, gentle_helps};
-use mcdpr_protocol::{BoardState, Reply, Request};
+use mcdpr_protocol::{BoardState, Reply, Request, ResetCause, Status};
 
 /// Readings of the sensors, and the time between them, µs: several periods of a swinging platform.
 const LOOKS: u32 = 60;
@@ -93,12 +93,23 @@ pub fn recover<L: Link>(
         places,
         ..Measurements::default()
     };
+    let kept = kept_by_board(client, model)?;
+    // A battery keeps the last tick's lengths without a supply. A processor that hung kept older ones.
+    let by_battery = client.hello().reset_cause == ResetCause::Power;
+    let registers_m = kept
+        .as_ref()
+        .filter(|kept| by_battery && !kept.counted && !status.referenced)
+        .map(|kept| kept.lengths.iter().map(|length| length.metres()).collect());
     // A board that kept its counts knows more than any file.
     let source = if status.referenced {
         Source::Board {
             lengths_m: status.lengths_m().collect(),
         }
-    } else if let Some(source) = counted_on(client, model, &before.journal)? {
+    } else if let Some(source) = kept
+        .as_ref()
+        .filter(|kept| kept.counted)
+        .map(|kept| counted_on(&status, kept, model, &before.journal))
+    {
         source
     } else {
         match &before.journal {
@@ -130,6 +141,7 @@ pub fn recover<L: Link>(
         reference,
         untouched: before.untouched,
         together: before.together,
+        registers_m,
         bound_m: before.bound_m,
     };
     let mut verdict = judge(model, &evidence)?;
@@ -168,30 +180,37 @@ pub fn recover<L: Link>(
     Ok(verdict)
 }
 
-/// The lengths of a board that was reset while its supply lasted; `None` where it kept none, or has not counted since.
-/// The speeds at the reset are those of the journal's last record; without a valid journal the robot's greatest ones
-/// are assumed.
+/// The lengths that the board kept over its last reset; `None` without valid ones for every cable.
 ///
 /// # Errors
 /// The client's.
-fn counted_on<'a, L: Link>(
+fn kept_by_board<L: Link>(
     client: &mut Client<L>,
     model: &Model,
-    journal: &Result<Journal, JournalError>,
-) -> Result<Option<Source<'a>>, RunError> {
+) -> Result<Option<mcdpr_protocol::Kept>, RunError> {
     let Reply::Kept(kept) = client.request(Request::Kept)? else {
         return Ok(None);
     };
-    let since = run::status(client)?;
-    let cables = model.robot().cables.len();
-    if !kept.counted || since.referenced || kept.lengths.len() != cables {
-        return Ok(None);
-    }
-    // Without a reference the board's lengths are the way since its start.
+    let whole = kept.lengths.len() == model.robot().cables.len();
+    Ok(Some(kept).filter(|_| whole))
+}
+
+/// The lengths of a board that was reset while its supply lasted, with its status since: without a reference its
+/// lengths are the way since its start. The speeds at the reset are those of the journal's last record; without a
+/// valid journal any up to the robot's greatest.
+fn counted_on<'a>(
+    since: &Status,
+    kept: &mcdpr_protocol::Kept,
+    model: &Model,
+    journal: &Result<Journal, JournalError>,
+) -> Source<'a> {
     let before = kept.lengths.iter().map(|length| length.metres());
     let lengths_m: Vec<f64> = before.zip(since.lengths_m()).map(|(a, b)| a + b).collect();
-    let last = journal.as_ref().ok().and_then(|journal| journal.last.as_ref());
-    let moving = |cable: usize| {
+    let last = journal
+        .as_ref()
+        .ok()
+        .and_then(|journal| journal.last.as_ref());
+    let speed = |cable: usize| {
         if kept.brakes_open >> cable & 1 == 0 {
             return [0.0, 0.0];
         }
@@ -201,10 +220,11 @@ fn counted_on<'a, L: Link>(
             None => [0.0, model.robot().limits.speed_mps],
         }
     };
-    Ok(Some(Source::Reset {
+    let speeds_mps = (0..kept.lengths.len()).map(speed).collect();
+    Source::Reset {
         lengths_m,
-        speeds_mps: (0..cables).map(moving).collect(),
-    }))
+        speeds_mps,
+    }
 }
 
 /// Looks at tags while the robot rests with known lengths, m, as it does after homing; nothing moves. `None`
@@ -292,8 +312,28 @@ pub(crate) fn task_hash(task: &TaskSource) -> u32 {
     mcdpr_protocol::frame::crc32(text.as_bytes())
 }
 
-/// One sentence on a board that has lost its lengths, by its journal; `None` without a journal.
-pub(crate) fn after_cut(board: &str, scale: u32) -> Option<String> {
+/// One sentence on a board without a reference: it has lost its lengths, or kept them over its reset. `None` where it
+/// kept none and has no journal.
+///
+/// # Errors
+/// The client's.
+pub(crate) fn after_cut<L: Link>(
+    client: &mut Client<L>,
+    robot: &Robot,
+) -> Result<Option<String>, RunError> {
+    if let Reply::Kept(kept) = client.request(Request::Kept)?
+        && kept.counted
+        && kept.lengths.len() == robot.cables.len()
+    {
+        let sentence = "the board has reset itself: it kept its lengths, and has counted since";
+        return Ok(Some(sentence.to_owned()));
+    }
+    let board = run::saved::board_name(client.hello());
+    Ok(by_journal(&board, run::saved::scale_of(robot)))
+}
+
+/// The same by the journal.
+fn by_journal(board: &str, scale: u32) -> Option<String> {
     let journal = match load(board, scale) {
         Ok(journal) => journal,
         Err(JournalError::Missing { .. }) => return None,

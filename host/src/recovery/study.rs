@@ -106,6 +106,8 @@ pub struct What {
     pub seen_at_home: bool,
     /// Every case has a brake that holds only this force, N.
     pub weak_brake_n: Option<f64>,
+    /// Whether the board's backup registers have a battery.
+    pub battery: bool,
 }
 
 impl What {
@@ -361,6 +363,7 @@ fn case(
         _ => even,
     };
     let cut = SimulatedCut {
+        battery: what.battery,
         task,
         mismatch: Mismatch::realistic(),
         seed,

@@ -24,6 +24,9 @@ pub(crate) struct Cmd {
     /// Every case has one brake that holds only this force at the cable, N
     #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "undisturbed")]
     weak_brake_n: Option<f64>,
+    /// The boards have a battery for their backup registers
+    #[arg(long)]
+    battery: bool,
     /// The camera did not see the tags when the robot was homed
     #[arg(long)]
     no_view_at_homing: bool,
@@ -95,6 +98,7 @@ impl Cmd {
             bound_m: self.bound_mm * 1e-3,
             seen_at_home: !self.no_view_at_homing,
             weak_brake_n: self.weak_brake_n,
+            battery: self.battery,
         };
         let seeds = common.seed..common.seed.saturating_add(self.runs);
         let phase = Phase::begin("cutting the power and recovering");

@@ -83,7 +83,10 @@ pub(crate) fn scene_after_cut(
     faulty
         .settle(settle_us)
         .map_err(|error| failed(error.to_string()))?;
-    let alive = matches!(cut.supply, Some(Supply::Board | Supply::Drives | Supply::Dip));
+    let alive = matches!(
+        cut.supply,
+        Some(Supply::Board | Supply::Drives | Supply::Dip)
+    );
     let mut after = AfterCut::of(stage.link.clone(), &disk, alive, wanted.seed)?;
     after.together = cut.supply == Some(Supply::All);
     // Far ahead: a journal of this very moment is never from the future.

@@ -72,6 +72,8 @@ pub struct SimulatedCut {
     pub disturbance: Disturbance,
     /// Whether a camera saw the tags when the robot was homed.
     pub seen_at_home: bool,
+    /// Whether the board's backup registers have a battery.
+    pub battery: bool,
     /// The controller of the robot.
     pub controller: Controller,
 }
@@ -136,6 +138,9 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
         None
     };
     link.with(Simulation::record_truth);
+    if case.battery {
+        link.with(Simulation::fit_battery);
+    }
     let mut injections = vec![Injection {
         lasts_s: Some(case.lasts_s),
         ..Injection::cut(case.supply, When::Motion(case.at_s))
