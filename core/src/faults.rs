@@ -130,7 +130,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
             "hold the platform by other means before you switch off; check the brake's spring, its gap and its diode"
         }
         FaultId::P1 => {
-            "check the board's supply under load, then clear the fault, reference the lengths and re-arm"
+            "check the supply under load, clear the fault, then `mcdpr recover`: the board may have kept its lengths"
         }
         FaultId::P2 => "when the supply is back: reference the lengths and arm",
         FaultId::P3 | FaultId::P4 => {
