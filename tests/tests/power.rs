@@ -156,7 +156,9 @@ fn p2_a_battery_keeps_the_last_lengths_when_everything_else_loses_its_supply() {
     let without = simulate(&model, &cut).unwrap().unwrap();
     let (verdict, _) = recovered(&model, &without, false, true);
     assert!(bound_mm < verdict.bound_95_mm.unwrap());
-    // The journal of another hour.
+    // The journal of another hour. The board above has got its reference.
+    cut.battery = true;
+    let with = simulate(&model, &cut).unwrap().unwrap();
     let mut old = with.read(&model, u64::MAX / 2).unwrap();
     for cable in &mut old.last.as_mut().unwrap().cables {
         cable.length_m += 0.02;
@@ -420,6 +422,7 @@ fn p2_on_the_emulated_chip_a_cut_is_recovered_and_the_task_continues() {
         lasts_s: 1.0,
         disturbance: Disturbance::None,
         seen_at_home: true,
+        battery: false,
         controller: Controller::Chip(mcdpr_tests::chip::firmware()),
     };
     let after = simulate(&model, &cut).unwrap().unwrap();
@@ -459,6 +462,8 @@ fn p2_picking_continues_with_what_is_in_the_jaws() {
         ("power:board@12s/1s", "empty", None),
         ("power:board@22s/1s", "dropped", None),
         ("power:all@22s/1s", "dropped", None),
+        // Its outputs float while it starts, so its gripper opens; its lengths remain.
+        ("power:dip@22s/50ms", "dropped", None),
     ] {
         let out = pick(fault);
         let errors = String::from_utf8_lossy(&out.stderr).into_owned();
@@ -469,6 +474,10 @@ fn p2_picking_continues_with_what_is_in_the_jaws() {
         assert_eq!(resumed["outcome"].as_str(), outcome, "{fault}: {resumed}");
         assert_eq!(scene["report"]["end"]["why"], "empty", "{fault}: {scene}");
         assert_eq!(scene["carried_off"], 2, "{fault}: {scene}");
+        // Of the grasps after the cut, too.
+        for error_m in scene["errors_m"].as_array().unwrap() {
+            assert!(error_m.as_f64().unwrap() < 3e-3, "{fault}: {scene}");
+        }
     }
 }
 

@@ -101,7 +101,7 @@ pub struct Verdict {
 }
 
 /// The last record is at most this much older than the last tick, s, where the program went on.
-const LATE_S: f64 = 0.2;
+const LATE_S: f64 = 0.05;
 
 pub(super) const BY_TAG: &str =
     "bring a tag whose place is known into the camera's view and recover again";
@@ -234,7 +234,7 @@ fn decide(model: &Model, evidence: &Evidence<'_>) -> Result<Verdict, EstimateErr
     }
 }
 
-/// Whether the board's registers and the journal are of different times: a board moves for some tenths of a second at
+/// Whether the board's registers and the journal are of different times: a board moves for some hundredths of a second at
 /// most after the last record, unless its computer failed long before it.
 fn contradicted(model: &Model, evidence: &Evidence<'_>) -> Option<String> {
     let (Source::Journal(journal), Some(registers_m)) = (&evidence.source, &evidence.registers_m)

@@ -425,6 +425,11 @@ impl CellObserver {
         }
     }
 
+    /// Another picker goes on: it counts its pictures from the first.
+    pub(crate) fn continue_with_another(&mut self) {
+        self.looked_from.clear();
+    }
+
     fn pose(&self) -> Option<Place> {
         self.link
             .with(|simulation| simulation.plant().truth().ok())

@@ -103,6 +103,7 @@ pub(crate) fn scene_after_cut(
     let journal = |_: &str| journal;
     let resumed = Arm::resume(stage.model.clone(), line, session, handle, HASH, journal);
     let (mut arm, was_closed) = resumed?;
+    stage.observer.continue_with_another();
     let report = Picker::new(&mut arm, &mut stage.eye, detector, &stage.options)
         .resume(was_closed, &mut stage.observer)?;
     arm.finish()?;
