@@ -4,7 +4,7 @@
 //! or cannot be told from it.
 
 use super::answer::Answer;
-use super::data::Data;
+use super::data::{Data, Tag, View};
 use super::error::Refusal;
 
 /// A mistake, in words, and the data without it.
@@ -21,7 +21,7 @@ pub(crate) fn named(
         let few = 50 * answer.rejected.len() < rows(data);
         (few && ratio < FITS).then_some((ratio, words))
     };
-    let kinds: [fn(&Data) -> Vec<Cause>; 3] = [units, encoders, swapped_cables];
+    let kinds: [fn(&Data) -> Vec<Cause>; 4] = [units, encoders, swapped_cables, tags];
     for kind in kinds {
         let mut found: Vec<(f64, String)> = kind(data).into_iter().filter_map(explains).collect();
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -136,6 +136,62 @@ fn swapped_cables(data: &Data) -> Vec<Cause> {
     out
 }
 
+/// Most tags of which pairs are tried: 66 pairs.
+const TAGS: usize = 12;
+
+/// Tags that are not where, or not how, the target's description has them.
+fn tags(data: &Data) -> Vec<Cause> {
+    let each = |words: String, change: &dyn Fn(&mut View)| {
+        changed(data, words, |pose| pose.views.iter_mut().for_each(change))
+    };
+    // Corners read against their order, as of a mirrored print or picture.
+    let mirror = |view: &mut View| view.corners_px = [1, 0, 3, 2].map(|k| view.corners_px[k]);
+    let mut out = vec![each("all tags are mirrored".to_owned(), &mirror)];
+    let seen = |tag: usize| {
+        let mut views = data.poses.iter().flat_map(|pose| &pose.views);
+        views.any(|view| view.tag == tag)
+    };
+    let ids: Vec<(usize, &Tag)> = data.tags.iter().enumerate().collect();
+    let ids: Vec<_> = ids.into_iter().filter(|(tag, _)| seen(*tag)).collect();
+    // A single tag that is turned shows as a turned frame: no contradiction.
+    if ids.len() < 2 || ids.len() > TAGS {
+        return out;
+    }
+    for &(tag, Tag { id, .. }) in &ids {
+        let mine = |change: fn(&mut View)| {
+            move |view: &mut View| {
+                if view.tag == tag {
+                    change(view);
+                }
+            }
+        };
+        let turns: [(&str, fn(&mut View)); 4] = [
+            ("mirrored", |v| {
+                v.corners_px = [1, 0, 3, 2].map(|k| v.corners_px[k])
+            }),
+            ("turned by a quarter", |v| v.corners_px.rotate_left(1)),
+            ("turned by a half", |v| v.corners_px.rotate_left(2)),
+            ("turned by three quarters", |v| v.corners_px.rotate_left(3)),
+        ];
+        for (how, turn) in turns {
+            out.push(each(format!("tag {id} is {how}"), &mine(turn)));
+        }
+    }
+    for (place, &(a, one)) in ids.iter().enumerate() {
+        for &(b, other) in ids.iter().skip(place + 1) {
+            let words = format!("tags {} and {} are swapped", one.id, other.id);
+            out.push(each(words, &|view| {
+                view.tag = match view.tag {
+                    tag if tag == a => b,
+                    tag if tag == b => a,
+                    tag => tag,
+                };
+            }));
+        }
+    }
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::joint::{Options, joint};
@@ -191,5 +247,36 @@ mod tests {
             });
             assert!(words.contains("in cm"), "{seed}: {words}");
         }
+    }
+
+    #[test]
+    fn swapped_turned_and_mirrored_tags_are_named() {
+        let views = |data: &mut Data, change: &dyn Fn(&mut View)| {
+            each(data, |pose| pose.views.iter_mut().for_each(change));
+        };
+        let words = refused(Target::Board, 1, |data| {
+            views(data, &|view| {
+                view.tag = match view.tag {
+                    0 => 1,
+                    1 => 0,
+                    tag => tag,
+                }
+            });
+        });
+        assert!(words.contains("tags 0 and 1 are swapped"), "{words}");
+        let words = refused(Target::Board, 1, |data| {
+            views(data, &|view| {
+                if view.tag == 2 {
+                    view.corners_px.rotate_left(2);
+                }
+            });
+        });
+        assert!(words.contains("tag 2 is turned by a half"), "{words}");
+        let words = refused(Target::Board, 1, |data| {
+            views(data, &|view| {
+                view.corners_px = [1, 0, 3, 2].map(|k| view.corners_px[k]);
+            });
+        });
+        assert!(words.contains("all tags are mirrored"), "{words}");
     }
 }
