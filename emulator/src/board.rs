@@ -11,9 +11,9 @@ use crate::error::{LoadError, Stop};
 use mcdpr_firmware::{State, drives};
 use mcdpr_protocol::message::decode;
 use mcdpr_protocol::{Channel, Deframer, FaultRecord, SampleBlock, Status, Tick};
-use mcdpr_simulator::VirtualBoard;
 use mcdpr_simulator::can::DriveLine;
 use mcdpr_simulator::plant::{Plant, PlantError};
+use mcdpr_simulator::{BoardFailure, VirtualBoard};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Slice of lockstep, us.
@@ -259,13 +259,18 @@ impl VirtualBoard for ChipBoard {
         self.chip.lock().fit_battery();
     }
 
-    fn restart(&mut self) -> Result<(), PlantError> {
+    fn restart(&mut self, _: BoardFailure) -> Result<(), PlantError> {
         // The chip resets itself.
         Ok(())
     }
 
-    fn set_supply_low(&mut self, low: bool) -> bool {
-        self.chip.lock().set_supply_low(low);
+    fn fail(&mut self, failure: BoardFailure, on: bool) -> bool {
+        let mut chip = self.chip.lock();
+        match failure {
+            BoardFailure::SupplyLow => _ = chip.set_supply_low(on),
+            BoardFailure::Crash if on => chip.inject_hard_fault(),
+            BoardFailure::Crash => {}
+        }
         true
     }
 

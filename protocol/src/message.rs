@@ -256,8 +256,8 @@ pub struct Kept {
     pub lengths: PerCable<TenthMicrometres>,
     /// Brakes that were commanded open then; bit 0 is the first.
     pub brakes_open: u8,
-    /// The encoders counted on from a few tens of microseconds after the last tick: the board was reset by itself,
-    /// while its supply lasted. Else the drums may have turned by any way since.
+    /// The encoders counted on from a few tens of microseconds after the last tick: a fault of the program reset the
+    /// board, with a good supply. Else the drums may have turned by any way since.
     pub counted: bool,
 }
 

@@ -19,6 +19,15 @@ use mcdpr_protocol::{
 /// The next one waits for the next tick, so that an answer never queues behind much telemetry.
 const BYTES_PER_TICK: usize = 92;
 
+/// A failure after which a board resets itself, and keeps what a reset leaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BoardFailure {
+    /// Its supply falls under the threshold of its voltage detector (P1).
+    SupplyLow,
+    /// A fault of its program (P4). The encoders count on.
+    Crash,
+}
+
 /// A board as the simulation sees it, independent of its number of winches.
 pub trait VirtualBoard {
     /// Time between two calls of [`Self::tick`], µs: a whole part of a millisecond.
@@ -91,11 +100,10 @@ pub trait VirtualBoard {
     /// # Errors
     /// [`PlantError::Board`] where it cannot start.
     fn power_on(&mut self) -> Result<(), PlantError>;
-    /// The board's supply falls under the threshold of its voltage detector, or is back. It closes its brakes and
-    /// resets itself at once; its encoders count on. Returns whether the board does that itself; else it is
-    /// [`Self::restart`]ed when the supply is back, and gets no time until then.
-    fn set_supply_low(&mut self, low: bool) -> bool {
-        let _ = low;
+    /// The board fails, or the cause is over. It closes its brakes and resets itself at once. Returns whether the board
+    /// does that itself; else it is [`Self::restart`]ed when the cause is over, and gets no time until then.
+    fn fail(&mut self, failure: BoardFailure, on: bool) -> bool {
+        let _ = (failure, on);
         false
     }
     /// Fits a battery, which keeps the board's backup registers without a supply.
@@ -104,7 +112,7 @@ pub trait VirtualBoard {
     ///
     /// # Errors
     /// [`PlantError::Board`] where it cannot start.
-    fn restart(&mut self) -> Result<(), PlantError>;
+    fn restart(&mut self, failure: BoardFailure) -> Result<(), PlantError>;
     /// As [`Self::advance`] while the board has no supply: plant and drives are alone.
     ///
     /// # Errors
@@ -262,20 +270,22 @@ impl<const N: usize> Board<N> {
     }
 
     /// Starts anew: after a reset by itself with all that a reset leaves, else with what a battery kept.
-    fn start(&mut self, by_itself: bool) {
+    fn start(&mut self, by_itself: Option<BoardFailure>) {
         let memory = std::mem::take(&mut self.memory);
         let (cables, number) = (self.cables, self.number);
         *self = Self::new(Tick(0), self.version);
         (self.cables, self.number) = (cables, number);
-        let lengths = memory.lengths.filter(|_| by_itself || memory.battery);
+        let lengths = memory
+            .lengths
+            .filter(|_| by_itself.is_some() || memory.battery);
         self.memory = Memory {
             before: lengths.and_then(|(lengths, sum)| lengths.checked(sum)),
-            counted: by_itself,
+            counted: by_itself == Some(BoardFailure::Crash),
             battery: memory.battery,
             ..Memory::default()
         };
         let mut hello = hello(self.version, number);
-        if by_itself {
+        if by_itself.is_some() {
             hello.reset_cause = ResetCause::Panic;
             self.to_stop = memory.drives;
         }
@@ -428,14 +438,17 @@ impl<const N: usize> VirtualBoard for Board<N> {
         self.memory.battery = true;
     }
 
-    fn restart(&mut self) -> Result<(), PlantError> {
-        self.start(true);
-        self.cycle.start_in_fault(FaultId::P1);
+    fn restart(&mut self, failure: BoardFailure) -> Result<(), PlantError> {
+        self.start(Some(failure));
+        self.cycle.start_in_fault(match failure {
+            BoardFailure::SupplyLow => FaultId::P1,
+            BoardFailure::Crash => FaultId::P4,
+        });
         Ok(())
     }
 
     fn power_on(&mut self) -> Result<(), PlantError> {
-        self.start(false);
+        self.start(None);
         Ok(())
     }
 

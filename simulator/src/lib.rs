@@ -17,7 +17,7 @@ pub mod plant;
 mod simulation;
 mod wire;
 
-pub use board::VirtualBoard;
+pub use board::{BoardFailure, VirtualBoard};
 pub use simulation::several::{BoardPlace, BoardTime};
 pub use simulation::{Simulation, TracePoint};
 pub use wire::{LinkOptions, Wire, WireFaults, WireVersion};

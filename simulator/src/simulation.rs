@@ -2,7 +2,7 @@
 
 pub(crate) mod several;
 
-use crate::board::VirtualBoard;
+use crate::board::{BoardFailure, VirtualBoard};
 use crate::camera::Cell;
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError, Truth};
@@ -213,22 +213,21 @@ impl Simulation {
         self.ports[0].board.fit_battery();
     }
 
-    /// The first board's supply falls under the threshold of its voltage detector, or is back. The board resets
-    /// itself, and keeps what a reset leaves; its encoders count on.
+    /// The first board fails and resets itself, or the cause is over. It keeps what a reset leaves.
     ///
     /// # Errors
     /// [`PlantError::Board`] where the board cannot start again.
-    pub fn set_board_supply_low(&mut self, low: bool) -> Result<(), PlantError> {
+    pub fn fail_board(&mut self, failure: BoardFailure, on: bool) -> Result<(), PlantError> {
         let port = &mut self.ports[0];
-        if port.board.set_supply_low(low) {
+        if port.board.fail(failure, on) {
             return Ok(());
         }
-        if low && port.powered {
-            // Its counters start at zero with the chip, some 20 us after the fall.
+        if on && port.powered {
+            // Its counters start at zero with the chip, some 20 us after the failure.
             self.plant.restart_encoders();
             port.powered = false;
-        } else if !low && !port.powered {
-            port.board.restart()?;
+        } else if !on && !port.powered {
+            port.board.restart(failure)?;
             port.powered = true;
         }
         Ok(())

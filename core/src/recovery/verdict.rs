@@ -49,7 +49,8 @@ pub struct Evidence<'a> {
     pub untouched: bool,
     /// Whether the user states that computer and robot lost their supply at the same time.
     pub together: bool,
-    /// Lengths in the last tick before the board lost its supply, m, from registers that a battery kept.
+    /// Lengths in the last tick before the board lost its supply, m, from registers that a reset leaves or a battery
+    /// kept.
     pub registers_m: Option<Vec<f64>>,
     /// Largest bound of the tool's position that the job allows, m.
     pub bound_m: f64,
@@ -248,7 +249,7 @@ fn contradicted(model: &Model, evidence: &Evidence<'_>) -> Option<String> {
     let most_m = LATE_S * model.robot().limits.speed_mps + 1e-3;
     (apart_m > most_m).then(|| {
         format!(
-            "the journal and the lengths that the board's battery kept are {} apart at cable {cable}: they are not of the same time",
+            "the journal and the lengths that the board kept are {} apart at cable {cable}: they are not of the same time",
             mm(apart_m)
         )
     })
@@ -269,7 +270,7 @@ fn without_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
             "the lengths that the board kept over its reset, and its counts since".to_owned()
         }
         Source::Journal(_) if evidence.registers_m.is_some() => {
-            "the lengths that the board's battery kept, the journal's speeds, and the model of the drums until their brakes close"
+            "the lengths that the board kept, the journal's speeds, and the model of the drums until their brakes close"
                 .to_owned()
         }
         _ => used_lengths(journal),

@@ -57,7 +57,7 @@ const UNSEEN_DEAD_S: [f64; 2] = [0.036, 0.018];
 /// The same where the program continued: a block of samples on its way.
 const UNSEEN_ALIVE_S: [f64; 2] = [0.007, 0.004];
 
-/// The same where the board's battery kept the lengths of its last tick.
+/// The same where the board kept the lengths of its last tick.
 const UNSEEN_TICK_S: [f64; 2] = [5e-4, 3e-4];
 
 /// Lengths by the journal or the board.

@@ -3,13 +3,14 @@
 //! which keep them without a supply, too, where a battery is fitted (VBAT).
 #![allow(unsafe_code, reason = "a linker section")]
 
+use crate::identity::Reset;
 use crate::pins::CABLES;
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_stm32::pac;
 use embassy_stm32::pac::bkp::regs::Dr;
 use mcdpr_firmware::drives::last::{LastDrives, WORDS};
 use mcdpr_firmware::kept::KeptLengths;
-use mcdpr_protocol::{Kept, List, ResetCause, TenthMicrometres};
+use mcdpr_protocol::{FaultId, Kept, List, ResetCause, TenthMicrometres};
 
 /// Atomics may hold any bits, as memory after a reset requires.
 #[unsafe(link_section = ".uninit.drives")]
@@ -47,7 +48,7 @@ pub struct Lengths {
 
 impl Lengths {
     /// Reads them. Must be called before the first tick, which writes them.
-    pub fn open(cause: ResetCause) -> Self {
+    pub fn open(reset: &Reset) -> Self {
         pac::RCC.apb1enr().modify(|w| w.set_bkpen(true));
         pac::PWR.cr().modify(|w| w.set_dbp(true));
         let read = |place: usize| pac::BKP.dr(place).read().0;
@@ -61,8 +62,12 @@ impl Lengths {
         Self {
             before: found.checked(u16::from_le_bytes([low, high])),
             // A processor that hung was not reset before the watchdog's time had passed. A reset by the pin lasts as
-            // long as the button is pressed; without a supply nothing counts.
-            counted: matches!(cause, ResetCause::Panic | ResetCause::Software),
+            // long as the button is pressed. A supply that fell under 2.9 V may have been too low for the encoders.
+            counted: match reset.cause {
+                ResetCause::Software => true,
+                ResetCause::Panic => reset.fault() == Some(FaultId::P4),
+                _ => false,
+            },
         }
     }
 

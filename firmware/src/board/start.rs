@@ -72,7 +72,7 @@ fn bring_up() -> (
         tap,
         last_panic: reset.last_panic.clone(),
         // Before the gauge: it resets the backup registers of a chip whose clock had another source.
-        lengths: keep::Lengths::open(reset.cause),
+        lengths: keep::Lengths::open(&reset),
         gauge: Gauge::new(reset.flags, crystal),
     };
     // The drives continue with their last command until they are stopped.

@@ -259,7 +259,7 @@ impl Cmd {
         let cut = Injection::parse(&self.fault, robot.cables.len())?;
         if cut.supply.is_none() {
             return Err(wrong(
-                "it cuts no supply: give power:board, power:drives, power:host, power:all or power:dip",
+                "it cuts no supply: give power:board, power:drives, power:host, power:all, power:dip or power:crash",
             )
             .into());
         }

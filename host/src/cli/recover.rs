@@ -109,7 +109,7 @@ impl Cmd {
         let cut = Injection::parse(&self.fault, cables)?;
         let wrong = |reason: &str| Failed::from_error("--fault")(reason.to_owned());
         let supply = cut.supply.ok_or_else(|| {
-            wrong("it cuts no supply: give power:board, power:drives, power:host, power:all or power:dip")
+            wrong("it cuts no supply: give power:board, power:drives, power:host, power:all, power:dip or power:crash")
         })?;
         let When::Motion(at_s) = cut.when else {
             return Err(wrong("give a time after the motion's start, such as 2s").into());

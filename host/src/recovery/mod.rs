@@ -94,11 +94,13 @@ pub fn recover<L: Link>(
         ..Measurements::default()
     };
     let kept = kept_by_board(client, model)?;
-    // A battery keeps the last tick's lengths without a supply. A processor that hung kept older ones.
-    let by_battery = client.hello().reset_cause == ResetCause::Power;
+    // Those of the last tick: by a battery, or before a supply that dipped. A processor that hung kept older ones, and
+    // nobody knows how long the button was pressed.
+    let cause = client.hello().reset_cause;
+    let of_last_tick = matches!(cause, ResetCause::Power | ResetCause::Panic);
     let registers_m = kept
         .as_ref()
-        .filter(|kept| by_battery && !kept.counted && !status.referenced)
+        .filter(|kept| of_last_tick && !kept.counted && !status.referenced)
         .map(|kept| kept.lengths.iter().map(|length| length.metres()).collect());
     // A board that kept its counts knows more than any file.
     let source = if status.referenced {

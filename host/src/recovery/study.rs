@@ -86,7 +86,7 @@ pub struct Case {
 impl Case {
     /// Whether the board has lost its counts.
     pub(crate) fn counts_lost(&self) -> bool {
-        matches!(self.supply, "board" | "all")
+        matches!(self.supply, "board" | "all" | "dip")
     }
 
     fn wrong(&self) -> bool {

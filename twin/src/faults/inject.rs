@@ -4,7 +4,7 @@
 use super::{Injection, Snag, Supply};
 use mcdpr_protocol::FaultId;
 use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, TensionFault};
-use mcdpr_simulator::{Simulation, WireFaults};
+use mcdpr_simulator::{BoardFailure, Simulation, WireFaults};
 
 /// Where a fault is injected, in words; or why it cannot be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -160,6 +160,15 @@ pub(super) fn apply(
     Ok(HostSide::Fine)
 }
 
+/// The failure after which the board resets itself.
+const fn failure(supply: Supply) -> Option<BoardFailure> {
+    match supply {
+        Supply::Dip => Some(BoardFailure::SupplyLow),
+        Supply::Crash => Some(BoardFailure::Crash),
+        _ => None,
+    }
+}
+
 /// Cuts a supply.
 fn cut(simulation: &mut Simulation, supply: Supply) -> Result<HostSide, PlantError> {
     if matches!(supply, Supply::Drives | Supply::All) {
@@ -168,12 +177,12 @@ fn cut(simulation: &mut Simulation, supply: Supply) -> Result<HostSide, PlantErr
     if matches!(supply, Supply::Board | Supply::All) {
         simulation.set_board_power(false)?;
     }
-    if supply == Supply::Dip {
-        simulation.set_board_supply_low(true)?;
+    if let Some(failure) = failure(supply) {
+        simulation.fail_board(failure, true)?;
     }
     Ok(match supply {
         Supply::Host | Supply::All => HostSide::Silent(u64::MAX),
-        Supply::Board | Supply::Drives | Supply::Dip => HostSide::Fine,
+        Supply::Board | Supply::Drives | Supply::Dip | Supply::Crash => HostSide::Fine,
     })
 }
 
@@ -246,8 +255,8 @@ fn apply_to_plant(
 /// [`PlantError::Board`] if a board does not start again.
 pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) -> Result<(), PlantError> {
     let fine = WireFaults::default();
-    if injection.supply == Some(Supply::Dip) {
-        return simulation.set_board_supply_low(false);
+    if let Some(failure) = injection.supply.and_then(failure) {
+        return simulation.fail_board(failure, false);
     }
     if injection.supply.is_some() {
         simulation.plant_mut().set_power(true);

@@ -104,16 +104,19 @@ pub enum Supply {
     All,
     /// The board's, which only dips: its voltage detector resets the board, which keeps what a reset leaves.
     Dip,
+    /// None: a fault of the program resets the board (P4).
+    Crash,
 }
 
 impl Supply {
     /// Every supply, with its name on the command line.
-    pub const ALL: [(Self, &'static str); 5] = [
+    pub const ALL: [(Self, &'static str); 6] = [
         (Self::Board, "board"),
         (Self::Drives, "drives"),
         (Self::Host, "host"),
         (Self::All, "all"),
         (Self::Dip, "dip"),
+        (Self::Crash, "crash"),
     ];
 }
 

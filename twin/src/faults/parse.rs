@@ -18,7 +18,7 @@ pub enum ScenarioError {
     #[diagnostic(
         code(mcdpr::scenario::form),
         help(
-            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool, or power:all@3s/2s for a supply (board, drives, host, all, or dip: the board's dips) that is gone for two seconds; `mcdpr faults` lists the ids"
+            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool, or power:all@3s/2s for a supply (board, drives, host, all; dip: the board's dips; crash: its program fails) that is gone for two seconds; `mcdpr faults` lists the ids"
         )
     )]
     Form {
@@ -101,6 +101,8 @@ struct Entry {
 
 /// The word for a hook that catches the platform.
 const SNAG: &str = "snag";
+/// Time of a board from a fault of its program to its new start, s.
+const CRASH_S: f64 = 5e-3;
 /// The word for a supply that is gone.
 const POWER: &str = "power";
 
@@ -141,8 +143,8 @@ impl Injection {
     /// number of seconds after the motion's start, `start` for before the robot arms, or
     /// `stopping+0.1s` for so long after a [`Phase`] has begun. `snag@TIME`
     /// is a hook that catches the tool, `snag:+x@TIME` one that holds against motion along +x.
-    /// `power:WHOSE@TIME/DURATION` cuts the supply of `board`, `drives`, `host` or `all`, or lets the board's `dip`; P1
-    /// is the board's. Without a duration it stays away.
+    /// `power:WHOSE@TIME/DURATION` cuts the supply of `board`, `drives`, `host` or `all`, lets the board's `dip`, or
+    /// lets its program `crash`; P1 is the board's. Without a duration it stays away; a crash lasts 5 ms.
     ///
     /// ```
     /// use mcdpr_twin::faults::{Injection, When};
@@ -172,7 +174,7 @@ impl Injection {
         let when = parse_time(when.trim()).ok_or_else(|| form("its start is not a time"))?;
         let injection = Self::read(text, what, when, cables)?;
         Ok(Self {
-            lasts_s,
+            lasts_s: lasts_s.or(injection.lasts_s),
             ..injection
         })
     }
@@ -184,9 +186,12 @@ impl Injection {
         };
         if is_power(what) {
             let supply = supply_named(what);
-            let supply =
-                supply.ok_or_else(|| form("its supply is not board, drives, host, all or dip"))?;
-            return Ok(Self::cut(supply, when));
+            let supply = supply
+                .ok_or_else(|| form("its supply is not board, drives, host, all, dip or crash"))?;
+            return Ok(Self {
+                lasts_s: (supply == Supply::Crash).then_some(CRASH_S),
+                ..Self::cut(supply, when)
+            });
         }
         let (id, cable) = match what.split_once(':') {
             Some((id, axis)) if is_snag(id) => {

@@ -85,7 +85,7 @@ pub(crate) fn scene_after_cut(
         .map_err(|error| failed(error.to_string()))?;
     let alive = matches!(
         cut.supply,
-        Some(Supply::Board | Supply::Drives | Supply::Dip)
+        Some(Supply::Board | Supply::Drives | Supply::Dip | Supply::Crash)
     );
     let mut after = AfterCut::of(stage.link.clone(), &disk, alive, wanted.seed)?;
     after.together = cut.supply == Some(Supply::All);

@@ -194,7 +194,10 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
     if let Disturbance::Moved { by_m } = case.disturbance {
         moved(model, &link, Vector3::from(by_m))?;
     }
-    let alive = matches!(case.supply, Supply::Board | Supply::Drives | Supply::Dip);
+    let alive = matches!(
+        case.supply,
+        Supply::Board | Supply::Drives | Supply::Dip | Supply::Crash
+    );
     Ok(Some(AfterCut {
         drop_m: if case.supply == Supply::Host {
             0.0
