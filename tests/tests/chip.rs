@@ -21,9 +21,9 @@ use mcdpr_tests::process::Folder;
 use serde_json::Value;
 use std::path::Path;
 
-/// Instructions of a tick over a motion, median and most: a tenth over what the firmware takes
+/// Instructions of a tick over a motion, median and most: 2 % over what the firmware takes
 /// today. The bound that counts is a quarter of the millisecond, 18,000 cycles.
-const ARMED_MEDIAN: u32 = 6500;
+const ARMED_MEDIAN: u32 = 6700;
 const ARMED_MOST: u32 = 10_000;
 /// Static RAM and the deepest stack together, bytes; the chip has 20 KiB, 6 of them for the stack.
 const RAM_AND_STACK: u64 = 13 * 1024;
