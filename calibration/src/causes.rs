@@ -136,6 +136,9 @@ fn swapped_cables(data: &Data) -> Vec<Cause> {
     out
 }
 
+/// A change of one view.
+type Change = fn(&mut View);
+
 /// Most tags of which pairs are tried: 66 pairs.
 const TAGS: usize = 12;
 
@@ -158,14 +161,14 @@ fn tags(data: &Data) -> Vec<Cause> {
         return out;
     }
     for &(tag, Tag { id, .. }) in &ids {
-        let mine = |change: fn(&mut View)| {
+        let mine = |change: Change| {
             move |view: &mut View| {
                 if view.tag == tag {
                     change(view);
                 }
             }
         };
-        let turns: [(&str, fn(&mut View)); 4] = [
+        let turns: [(&str, Change); 4] = [
             ("mirrored", |v| {
                 v.corners_px = [1, 0, 3, 2].map(|k| v.corners_px[k])
             }),
