@@ -1,8 +1,8 @@
 //! Lengths that outlive a reset of the board: stored in every tick, in registers that a reset leaves.
 //!
-//! Counters of incremental encoders start at zero with the chip. A board that was reset by itself while its
-//! supply lasted stopped counting for some 20 us only; the lengths of its last tick and the counts since its
-//! start together are the lengths now. The host decides whether to use them (`mcdpr recover`).
+//! Counters of incremental encoders start at zero with the chip. A board that a fault of its program has reset stopped
+//! counting for some tens of microseconds only; the lengths of its last tick and the counts since its start together
+//! are the lengths now. The host decides whether to use them (`mcdpr recover`).
 
 /// Lengths of one tick, with a checksum: registers without a battery hold zeros after power-on, and a reset may
 /// fall between two writes.

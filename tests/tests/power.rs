@@ -29,9 +29,9 @@ fn task(model: &Model) -> Task {
     Task::parse(&text, "way.toml".into()).unwrap()
 }
 
-/// That task, interrupted after 0.8 s.
-fn interrupted(model: &Model, supply: Supply, disturbance: Disturbance) -> AfterCut {
-    let cut = SimulatedCut {
+/// That task, interrupted after 0.8 s, in this process and without a look at the tags before.
+fn cut(model: &Model, supply: Supply, disturbance: Disturbance) -> SimulatedCut {
+    SimulatedCut {
         task: task(model),
         mismatch: Mismatch::realistic(),
         seed: 3,
@@ -42,8 +42,13 @@ fn interrupted(model: &Model, supply: Supply, disturbance: Disturbance) -> After
         seen_at_home: false,
         battery: false,
         controller: Controller::InProcess,
-    };
-    simulate(model, &cut).unwrap().unwrap()
+    }
+}
+
+fn interrupted(model: &Model, supply: Supply, disturbance: Disturbance) -> AfterCut {
+    simulate(model, &cut(model, supply, disturbance))
+        .unwrap()
+        .unwrap()
 }
 
 fn recovered(model: &Model, played: &AfterCut, camera: bool, untouched: bool) -> (Verdict, f64) {
@@ -74,18 +79,7 @@ fn p2_with_a_tag_in_view_every_cut_is_recovered_within_a_millimetre() {
 #[test]
 fn p2_a_view_of_the_tag_at_homing_makes_the_recovery_more_exact() {
     let model = model("lab-fast");
-    let mut cut = SimulatedCut {
-        task: task(&model),
-        mismatch: Mismatch::realistic(),
-        seed: 3,
-        supply: Supply::All,
-        at_s: 0.8,
-        lasts_s: 1.0,
-        disturbance: Disturbance::None,
-        seen_at_home: false,
-        battery: false,
-        controller: Controller::InProcess,
-    };
+    let mut cut = cut(&model, Supply::All, Disturbance::None);
     let mut bounds_mm = Vec::new();
     for seen_at_home in [false, true] {
         cut.seen_at_home = seen_at_home;
@@ -135,16 +129,8 @@ fn p2_without_a_camera_lost_counts_need_the_users_confirmation() {
 fn p2_a_battery_keeps_the_last_lengths_when_everything_else_loses_its_supply() {
     let model = model("paper-table5");
     let mut cut = SimulatedCut {
-        task: task(&model),
-        mismatch: Mismatch::realistic(),
-        seed: 3,
-        supply: Supply::All,
-        at_s: 0.8,
-        lasts_s: 1.0,
-        disturbance: Disturbance::None,
-        seen_at_home: false,
         battery: true,
-        controller: Controller::InProcess,
+        ..cut(&model, Supply::All, Disturbance::None)
     };
     let with = simulate(&model, &cut).unwrap().unwrap();
     let (verdict, off_mm) = recovered(&model, &with, false, true);
@@ -165,13 +151,18 @@ fn p2_a_battery_keeps_the_last_lengths_when_everything_else_loses_its_supply() {
         cable.length_m += 0.02;
     }
     old.ended = true;
-    let (verdict, _) = with.recover(&model, Ok(old), false, true, 5e-3).unwrap();
+    let (verdict, _) = with
+        .recover(&model, Ok(old.clone()), false, true, 5e-3)
+        .unwrap();
     assert!(!verdict.accepted);
     assert!(
         verdict.sentence.contains("not of the same time"),
         "{}",
         verdict.sentence
     );
+    // A tag in view shows the place all the same.
+    let (verdict, _) = with.recover(&model, Ok(old), true, false, 5e-3).unwrap();
+    assert!(verdict.accepted, "{}", verdict.sentence);
 }
 
 #[test]
@@ -412,19 +403,28 @@ fn p2_the_journal_takes_less_than_a_megabyte_a_minute() {
 }
 
 #[test]
+fn p4_on_the_emulated_chip_a_fault_of_the_program_costs_no_lengths() {
+    let model = model("lab-fast");
+    let cut = SimulatedCut {
+        controller: Controller::Chip(mcdpr_tests::chip::firmware()),
+        ..cut(&model, Supply::Crash, Disturbance::None)
+    };
+    let after = simulate(&model, &cut).unwrap().unwrap();
+    let (verdict, off_mm) = recovered(&model, &after, false, false);
+    assert!(verdict.accepted, "{}", verdict.sentence);
+    let used = verdict.used.join("; ");
+    assert!(used.contains("kept over its reset"), "{used}");
+    let bound_mm = verdict.bound_mm.unwrap();
+    assert!(off_mm < bound_mm, "{off_mm} of {bound_mm} mm");
+}
+
+#[test]
 fn p2_on_the_emulated_chip_a_cut_is_recovered_and_the_task_continues() {
     let model = model("paper-table5");
     let cut = SimulatedCut {
-        task: task(&model),
-        mismatch: Mismatch::realistic(),
-        seed: 3,
-        supply: Supply::Board,
-        at_s: 0.8,
-        lasts_s: 1.0,
-        disturbance: Disturbance::None,
         seen_at_home: true,
-        battery: false,
         controller: Controller::Chip(mcdpr_tests::chip::firmware()),
+        ..cut(&model, Supply::Board, Disturbance::None)
     };
     let after = simulate(&model, &cut).unwrap().unwrap();
     assert!(after.drop_m < 5e-3, "{} m", after.drop_m);

@@ -37,8 +37,8 @@ const UNSEEN_SHARE: f64 = 0.28;
 const HELD_S: f64 = 0.015;
 /// A drum slower than this is at rest, m/s: the steps of its encoder look like this speed.
 const STANDS_MPS: f64 = 5e-4;
-/// A tick, after which the lengths are kept, and the time from a reset to running counters, s: at 8 MHz some hundred
-/// instructions.
+/// A tick, after which the lengths are kept, and the time from a fault to running counters, s: the handler, the reset's
+/// pulse (20 us at least; RM0008, 7.1) and some 40 instructions at 8 MHz.
 const UNCOUNTED_S: f64 = 1e-3 + 5e-5;
 /// Step of the slopes, m.
 const STEP_M: f64 = 1e-4;

@@ -21,7 +21,7 @@ pub enum Source<'a> {
         /// Paid-out lengths.
         lengths_m: Vec<f64>,
     },
-    /// The board was reset by itself while its supply lasted, and its encoders counted on.
+    /// A fault of its program reset the board, and its encoders counted on.
     Reset {
         /// Paid-out lengths: those of its last tick and the way since its start, m.
         lengths_m: Vec<f64>,
@@ -235,14 +235,16 @@ fn decide(model: &Model, evidence: &Evidence<'_>) -> Result<Verdict, EstimateErr
     }
 }
 
-/// Whether the board's registers and the journal are of different times: a board moves for some hundredths of a second at
-/// most after the last record, unless its computer failed long before it.
+/// Whether the board's registers and the journal are of different times: a board moves for some hundredths of a second
+/// at most after the last record, unless its computer failed long before it. A tag in view shows the place whatever the
+/// lengths are: they are not used then where they disagree with it.
 fn contradicted(model: &Model, evidence: &Evidence<'_>) -> Option<String> {
     let (Source::Journal(journal), Some(registers_m)) = (&evidence.source, &evidence.registers_m)
     else {
         return None;
     };
-    let last = journal.last.as_ref().filter(|_| journal.ended)?;
+    let decides = journal.ended && evidence.seen.views.is_empty();
+    let last = journal.last.as_ref().filter(|_| decides)?;
     let pairs = last.cables.iter().zip(registers_m);
     let apart = pairs.map(|(cable, kept_m)| (cable.length_m - kept_m).abs());
     let (cable, apart_m) = (1..).zip(apart).max_by(|a, b| a.1.total_cmp(&b.1))?;

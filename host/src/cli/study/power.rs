@@ -21,6 +21,9 @@ pub(crate) struct Cmd {
     /// Only cuts with nothing else: skip the seeds of the other kinds
     #[arg(long)]
     undisturbed: bool,
+    /// Only the other kinds: skip the seeds of cuts with nothing else
+    #[arg(long, conflicts_with = "undisturbed")]
+    disturbed: bool,
     /// Every case has one brake that holds only this force at the cable, N
     #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "undisturbed")]
     weak_brake_n: Option<f64>,
@@ -93,8 +96,9 @@ impl Cmd {
             false if self.weak_brake_n.is_some() => &[Kind::Slipped][..],
             false => &KINDS[..],
         };
+        let wanted = |kind: &&Kind| !self.disturbed || !UNDISTURBED.contains(kind);
         let what = What {
-            kinds: kinds.to_vec(),
+            kinds: kinds.iter().filter(wanted).copied().collect(),
             bound_m: self.bound_mm * 1e-3,
             seen_at_home: !self.no_view_at_homing,
             weak_brake_n: self.weak_brake_n,
