@@ -8,6 +8,7 @@ use super::error::Refusal;
 use super::general::slip;
 use super::observability::{Observability, observability};
 use super::predict::predict;
+use super::restart;
 use super::rows::{Model, Scatter, Source};
 use super::solve::{Minimum, solve};
 use super::unknowns::{Layout, Priors, State};
@@ -59,7 +60,7 @@ impl Options {
 
 /// One joint estimate, without further checks; see [`joint`](super::joint::joint).
 pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
-    match fit_once(data, options) {
+    match fit_again(data, options) {
         Err(refusal) if options.closer_looks && refusal.may_be_a_mistake() => {
             let slipped = || {
                 let found = slip::in_data(data, None);
@@ -84,6 +85,25 @@ pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
 /// As [`fit`], with no cause of a refusal sought.
 fn fit_once(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     attempt(data, &usable(data)?, options)
+}
+
+/// As [`fit_once`]; where that refuses, once more from a start that does not depend on the stated places of tags and
+/// camera.
+fn fit_again(data: &Data, options: &Options) -> Result<Answer, Refusal> {
+    fit_once(data, options).or_else(|refusal| {
+        let again = || fit_once(&restart::from_statics(data)?, options).ok();
+        let found = if refusal.may_be_a_mistake() {
+            again()
+        } else {
+            None
+        };
+        let mut answer = found.ok_or(refusal)?;
+        answer.warnings.push(
+            "the stated places of tags and camera (`nominal`) are far off; they were found from lengths and tensions"
+                .to_owned(),
+        );
+        Ok(answer)
+    })
 }
 
 /// The refusal of data during which cables slipped.

@@ -14,6 +14,7 @@
 //! | `observability`, `predict` | which unknowns the data determine, and the expected position error |
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
 //! | `assay` | upper poses against lower ones, the map of the expected error, the next pose to measure |
+//! | `restart` | a start where the stated places of tags and camera are far off |
 //! | [`mod@paper`], `hand_eye`, `lengths` | the paper's method, for comparison; anchors from lengths if tag poses are given |
 //! | `design`, [`space`], [`views`], [`plan`] | information of poses, reachable poses, tags in view, selection |
 //! | [`result`] | the calibration in its file form, and the calibrated robot |
@@ -45,6 +46,7 @@ pub mod plan;
 pub mod pnp;
 mod predict;
 mod read;
+mod restart;
 pub mod result;
 mod rows;
 pub mod sheets;

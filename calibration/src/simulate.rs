@@ -109,6 +109,8 @@ pub struct Setup {
     pub found: bool,
     /// A cable that slips while the data are collected.
     pub slip: Option<SimulatedSlip>,
+    /// By how much the stated places of tags and camera are off, each in some direction: m, rad.
+    pub start: [f64; 2],
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -127,6 +129,7 @@ impl Default for Setup {
             silent: Silent::default(),
             found: false,
             slip: None,
+            start: [0.0; 2],
             seed: 1,
         }
     }
@@ -468,6 +471,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         holdout: Vec::new(),
         origin: None,
     };
+    misplace(setup, &mut data);
     let mut next = Poses::new(setup, &robot, (&machine.made, &off), &data)?;
     let mut taken = Vec::new();
     while taken.len() < setup.poses {
@@ -518,6 +522,21 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         stretch,
     };
     Some((data, truth))
+}
+
+/// Moves the stated places of tags and camera by their full error, with a random generator of its own.
+fn misplace(setup: &Setup, data: &mut Data) {
+    let mut own = Random::new(setup.seed ^ 0x7374_6172);
+    let [off_m, off_rad] = setup.start;
+    let mut place = |pose: &mut Pose| {
+        let mut aim = || Vector3::from_fn(|_, _| own.normal()).normalize();
+        *pose = pose.displaced(&(aim() * off_m), &Vector3::zeros());
+        pose.rotation = Rotation3::new(aim() * off_rad) * pose.rotation;
+    };
+    if setup.start != [0.0; 2] {
+        data.world_from_body.iter_mut().for_each(&mut place);
+        place(&mut data.camera_from_platform);
+    }
 }
 
 /// Cable off a drum at a pose that its encoder did not count, m.

@@ -3,7 +3,7 @@
 use crate::data::{Tag, View};
 use mcdpr_kinematics::{Cable, Pose};
 use mcdpr_vision::Camera;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 /// Samples of one robot, taken in one or several sessions.
 #[derive(Debug, Clone)]
@@ -14,6 +14,10 @@ pub struct Set {
     pub robot: Machine,
     /// The camera on the platform and the tags it looks at; `None` without a camera.
     pub eye: Option<Eye>,
+    /// Trackers beside the robot.
+    pub trackers: Vec<Tracker>,
+    /// Tapes between the frame and the platform.
+    pub tapes: Vec<Tape>,
     /// Names of the sessions: within one, encoders and load cells keep their zeros.
     pub sessions: Vec<String>,
     /// Whether each session began at the common home. Otherwise its lengths have offsets of their own.
@@ -57,6 +61,33 @@ pub struct Eye {
     pub camera_from_platform: Pose,
 }
 
+/// An instrument beside the robot that measures a target on the platform in a frame of its own: a laser tracker, a
+/// total station, motion capture. Its frame is estimated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tracker {
+    /// Its name in the file.
+    pub name: String,
+    /// The target, platform frame, m; `None` where it is unknown.
+    pub target_m: Option<Vector3<f64>>,
+    /// Standard deviation of each of its coordinates, m.
+    pub tolerance_m: f64,
+    /// Start value of tracker_from_world and of the target's attitude on the platform.
+    pub start: Option<(Pose, Rotation3<f64>)>,
+}
+
+/// Distances between a point of the frame and one of the platform, by tape or laser.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tape {
+    /// Its name in the file.
+    pub name: String,
+    /// The point of the frame, world, m.
+    pub from_m: Vector3<f64>,
+    /// The point of the platform, platform frame, m.
+    pub to_m: Vector3<f64>,
+    /// Standard deviation of its zero, m: it also stands for the errors of both points.
+    pub tolerance_m: f64,
+}
+
 /// Stated standard deviations; `None` if not stated.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Stated {
@@ -66,6 +97,10 @@ pub struct Stated {
     pub tension_n: Option<f64>,
     /// Corners, px.
     pub corner_px: Option<f64>,
+    /// Each coordinate of a tracker's position, m.
+    pub position_m: Option<f64>,
+    /// Distances of tapes, m.
+    pub distance_m: Option<f64>,
 }
 
 /// The measurements at one moment. Any of them may be missing.
@@ -89,6 +124,12 @@ pub struct Sample {
     pub arrived: Vec<Option<f64>>,
     /// The fastest cable around the sample, m/s.
     pub speed_mps: Option<f64>,
+    /// Position of each tracker's target, tracker's frame, m; empty without trackers.
+    pub position_m: Vec<[Option<f64>; 3]>,
+    /// Attitude of each tracker's target, tracker's frame; empty without trackers.
+    pub turned: Vec<Option<Rotation3<f64>>>,
+    /// Reading of each tape, m; empty without tapes.
+    pub distance_m: Vec<Option<f64>>,
     /// The tags seen.
     pub views: Vec<View>,
     /// Factor on the scatter of tensions, corners and equilibrium: above 1 where the platform swung.
@@ -111,6 +152,16 @@ impl Sample {
             noise_factor: 1.0,
             ..Self::default()
         }
+    }
+}
+
+impl Sample {
+    /// Whether a tracker has a reading in it.
+    #[must_use]
+    pub(crate) fn is_tracked(&self, tracker: usize) -> bool {
+        let position = self.position_m.get(tracker);
+        position.is_some_and(|p| p.iter().any(Option::is_some))
+            || matches!(self.turned.get(tracker), Some(Some(_)))
     }
 }
 

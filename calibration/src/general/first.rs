@@ -27,7 +27,7 @@ pub(crate) fn first_pose(set: &Set) -> Result<First, String> {
         rounds: 0,
         slips: 0,
     };
-    let found = fit(set, &options)?;
+    let found = fit(&set.alone(), &options)?;
     pose_of(&found, 0).ok_or_else(|| "there are no samples".to_owned())
 }
 

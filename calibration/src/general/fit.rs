@@ -71,6 +71,10 @@ pub(super) fn expected(set: &Set) -> Scatter {
     out[Group::Force.index()] = 0.0042 * weight;
     out[Group::Moment.index()] = 0.00078 * weight;
     out[Group::Corner.index()] = stated.corner_px.unwrap_or(0.3);
+    // Motion capture and total stations: some tenths of a millimetre; a tape is read to a millimetre.
+    out[Group::Position.index()] = stated.position_m.unwrap_or(3e-4);
+    out[Group::Turn.index()] = 2e-3;
+    out[Group::Distance.index()] = stated.distance_m.unwrap_or(1e-3);
     out
 }
 
@@ -121,6 +125,8 @@ fn layout(set: &Set, breaks: Vec<Break>) -> Layout {
             .as_ref()
             .filter(|_| seen)
             .map(|eye| eye.world_from_body.len()),
+        trackers: set.tracking(),
+        tapes: set.taped(),
         sessions,
         breaks,
     }
@@ -131,7 +137,15 @@ fn layout(set: &Set, breaks: Vec<Break>) -> Layout {
 /// # Errors
 /// In words, if the data do not determine the unknowns.
 pub fn fit(set: &Set, options: &Options) -> Result<Fit, String> {
-    let mut found = fit_with(set, options, Vec::new(), None)?;
+    // The frames of trackers follow from poses that the robot's own sensors show.
+    let (mut placed, mut before) = (None, None);
+    if !set.tracking().is_empty() {
+        let alone = fit_with(&set.alone(), options, Vec::new(), None)?;
+        placed = Some(set.placed(&alone.solution.state.poses)?);
+        before = Some(alone);
+    }
+    let set = placed.as_ref().unwrap_or(set);
+    let mut found = fit_with(set, options, Vec::new(), before.as_ref())?;
     while found.layout.breaks.len() < options.slips {
         let slip = super::slip::largest(&found).or_else(|| super::slip::distrusted(&found));
         let Some(slip) = slip else {
@@ -181,8 +195,27 @@ pub(crate) fn fit_with(
         from.camera_from_platform = before.solution.state.camera_from_platform;
         from.world_from_body
             .clone_from(&before.solution.state.world_from_body);
-        for (value, old) in from.theta.iter_mut().zip(&before.solution.state.theta) {
+        let old = &before.layout;
+        // What comes after the camera has other places where trackers or tapes are new.
+        let same = old.trackers == layout.trackers && old.tapes == layout.tapes;
+        let kept = if same {
+            usize::MAX
+        } else {
+            layout.after_camera()
+        };
+        for (value, old) in from
+            .theta
+            .iter_mut()
+            .zip(&before.solution.state.theta)
+            .take(kept)
+        {
             *value = *old;
+        }
+        if same {
+            from.tracker_from_world
+                .clone_from(&before.solution.state.tracker_from_world);
+            from.platform_from_target
+                .clone_from(&before.solution.state.platform_from_target);
         }
     }
     let rows = all_rows(&model, &from).map_err(|error| error.to_string())?;

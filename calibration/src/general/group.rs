@@ -21,10 +21,16 @@ pub enum Group {
     Moment,
     /// Corners of tags, px.
     Corner,
+    /// Coordinates by a tracker, m.
+    Position,
+    /// Attitudes by a tracker, rad.
+    Turn,
+    /// Distances by a tape, m.
+    Distance,
 }
 
 /// Number of kinds.
-pub const GROUPS: usize = 8;
+pub const GROUPS: usize = 11;
 
 impl Group {
     /// All kinds.
@@ -37,6 +43,9 @@ impl Group {
         Self::Force,
         Self::Moment,
         Self::Corner,
+        Self::Position,
+        Self::Turn,
+        Self::Distance,
     ];
     /// Its place in arrays.
     #[must_use]
@@ -55,6 +64,9 @@ impl Group {
             Self::Force => "balance of forces",
             Self::Moment => "balance of moments",
             Self::Corner => "corner",
+            Self::Position => "tracker position",
+            Self::Turn => "tracker attitude",
+            Self::Distance => "distance",
         }
     }
 
@@ -62,9 +74,11 @@ impl Group {
     #[must_use]
     pub const fn unit(self) -> Unit {
         match self {
-            Self::Length => Unit::new(1e3, "mm"),
+            Self::Length | Self::Position | Self::Distance => Unit::new(1e3, "mm"),
             Self::Tension | Self::Force => Unit::new(1.0, "N"),
-            Self::Swivel | Self::Tilt | Self::Yaw => Unit::new(180.0 / std::f64::consts::PI, "deg"),
+            Self::Swivel | Self::Tilt | Self::Yaw | Self::Turn => {
+                Unit::new(180.0 / std::f64::consts::PI, "deg")
+            }
             Self::Moment => Unit::new(1.0, "N m"),
             Self::Corner => Unit::new(1.0, "px"),
         }

@@ -8,8 +8,10 @@
 //!
 //! | file | what it is for |
 //! |---|---|
-//! | [`data`], `read` | samples by session, from files |
+//! | [`data`], `read`, `outside_read` | samples by session, from files |
+//! | `clock` | times that cannot be right |
 //! | `unknowns`, [`model`] | what is unknown, and what each reading says about it |
+//! | `outside` | trackers and tapes |
 //! | [`solve`], [`mod@fit`] | one weighted problem; the scatter of the readings |
 //! | [`mod@predict`] | readings that were left out, with intervals |
 //! | [`slip`] | cables that slipped while samples were taken |
@@ -18,11 +20,14 @@
 //! | [`first`] | the first pose from changes only |
 //! | [`study`] | how well readings that were not seen are predicted |
 
+mod clock;
 pub mod data;
 pub mod first;
 pub mod fit;
 mod group;
 pub mod model;
+mod outside;
+mod outside_read;
 pub mod predict;
 mod read;
 pub mod simulate;
@@ -39,3 +44,5 @@ pub use unknowns::Priors;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_outside;

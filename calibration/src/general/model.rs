@@ -44,6 +44,10 @@ pub struct State {
     pub camera_from_platform: Pose,
     /// world_from_body.
     pub world_from_body: Vec<Pose>,
+    /// Frame of each tracker that takes part.
+    pub tracker_from_world: Vec<Pose>,
+    /// Attitude of its target on the platform.
+    pub platform_from_target: Vec<Rotation3<f64>>,
     /// world_from_platform per sample.
     pub poses: Vec<Pose>,
     /// Tension of each cable at the platform per sample, N.
@@ -249,6 +253,7 @@ impl Model<'_> {
         self.attitude(theta, slot, sample, pose, &mut out);
         self.balance(theta, sample, pose, tensions_n, &paths, &mut out);
         self.corners(state, sample, pose, &mut out)?;
+        self.outside(state, sample, pose, &mut out);
         Ok(out)
     }
 
@@ -536,6 +541,16 @@ impl Model<'_> {
                 .collect();
             out.camera_from_platform = camera;
             out.world_from_body = moved;
+        }
+        for slot in 0..self.layout.trackers.len() {
+            let (frame, turn) = (self.layout.frame(slot), self.layout.target_turn(slot));
+            let moved = state.tracker_from_world[slot]
+                .displaced(&three(shared, frame), &three(shared, frame + 3));
+            out.tracker_from_world[slot] = moved;
+            out.platform_from_target[slot] =
+                Rotation3::new(three(shared, turn)) * state.platform_from_target[slot];
+            out.theta[frame..frame + 6].fill(0.0);
+            out.theta[turn..turn + 3].fill(0.0);
         }
         out
     }

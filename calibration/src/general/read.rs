@@ -2,6 +2,7 @@
 //! `source / robot / sensors / samples` in SI units that other laboratories' logs are kept in.
 
 use super::data::{Eye, Machine, Sample, Set, Stated};
+use super::outside_read::{distances, outside_json, positions, tapes, trackers};
 use crate::check;
 use crate::data::{Data, SCHEMA, matrix_mm};
 use crate::error::Refusal;
@@ -58,6 +59,8 @@ impl Set {
             },
             robot,
             eye,
+            trackers: trackers(&root)?,
+            tapes: tapes(&root)?,
             sessions: Vec::new(),
             homed: Vec::new(),
             samples: Vec::new(),
@@ -70,6 +73,8 @@ impl Set {
                 length_m: stated("length_mm")?.map(|mm| mm * 1e-3),
                 tension_n: stated("tension_N")?,
                 corner_px: stated("corner_px")?,
+                position_m: stated("position_mm")?.map(|mm| mm * 1e-3),
+                distance_m: stated("distance_mm")?.map(|mm| mm * 1e-3),
             };
         }
         if let Some(sessions) = root.optional("sessions") {
@@ -86,6 +91,7 @@ impl Set {
         if set.samples.is_empty() {
             return Err(root.get("samples")?.wrong("holds no sample"));
         }
+        super::clock::check(&mut set);
         Ok(set)
     }
 
@@ -119,6 +125,7 @@ impl Set {
                 if sample.noise_factor > 1.0 {
                     out["noise_factor"] = json!(sample.noise_factor);
                 }
+                outside_json(self, sample, &mut out);
                 if let (false, Some(eye)) = (sample.views.is_empty(), &self.eye) {
                     let corners: serde_json::Map<_, _> = sample
                         .views
@@ -159,11 +166,16 @@ impl Set {
             ("length_mm", stated.length_m.map(|s| s * 1e3)),
             ("tension_N", stated.tension_n),
             ("corner_px", stated.corner_px),
+            ("position_mm", stated.position_m.map(|s| s * 1e3)),
+            ("distance_mm", stated.distance_m.map(|s| s * 1e3)),
         ];
         for (key, value) in noise {
             if let Some(value) = value {
                 out["noise_1sigma"][key] = json!(value);
             }
+        }
+        for (key, list) in super::outside_read::described(self) {
+            out[key] = list;
         }
         if let Some(eye) = &self.eye {
             let lens = &eye.camera;
@@ -229,6 +241,8 @@ impl Set {
                 world_from_body: data.world_from_body.clone(),
                 camera_from_platform: data.camera_from_platform,
             }),
+            trackers: Vec::new(),
+            tapes: Vec::new(),
             sessions: vec!["data".to_owned()],
             homed: vec![true],
             samples,
@@ -237,13 +251,14 @@ impl Set {
                 length_m: Some(data.noise.encoder_m),
                 tension_n: data.noise.tension_n,
                 corner_px: Some(data.noise.corner_px),
+                ..Stated::default()
             },
         })
     }
 }
 
 /// The node of the first key that is there, with the factor to SI.
-fn first<'a>(node: &Node<'a>, keys: &[(&str, f64)]) -> Option<(Node<'a>, f64)> {
+pub(super) fn first<'a>(node: &Node<'a>, keys: &[(&str, f64)]) -> Option<(Node<'a>, f64)> {
     keys.iter()
         .find_map(|(key, factor)| Some((node.optional(key)?, *factor)))
 }
@@ -361,7 +376,12 @@ fn eye(root: &Node<'_>) -> Read<Option<Eye>> {
 }
 
 /// One reading: missing where it is null, and noted where it is not a finite number.
-fn reading(node: &Node<'_>, factor: f64, what: &str, notes: &mut Vec<String>) -> Read<Option<f64>> {
+pub(super) fn reading(
+    node: &Node<'_>,
+    factor: f64,
+    what: &str,
+    notes: &mut Vec<String>,
+) -> Read<Option<f64>> {
     match node.value {
         Value::Null => Ok(None),
         // Other programs write NaN, which JSON lacks: `parsed` has turned it into this word.
@@ -434,6 +454,8 @@ fn sample(node: &Node<'_>, number: usize, set: &mut Set) -> Read<Sample> {
     if let Some(factor) = node.optional("noise_factor") {
         out.noise_factor = factor.number()?.max(1.0);
     }
+    positions(node, &set.trackers, &mut out, notes)?;
+    distances(node, &set.tapes, &mut out, notes)?;
     if let (Some(corners), Some(eye)) = (node.optional("corners_px"), &set.eye) {
         let seen = corners.value.as_object();
         let seen =

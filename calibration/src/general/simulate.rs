@@ -3,7 +3,7 @@
 //! Geometry and statics are those of the kinematics crate, which the estimate uses too: this tests
 //! the estimation, not the model.
 
-use super::data::{Machine, Sample, Set, Stated};
+use super::data::{Machine, Sample, Set, Stated, Tape, Tracker};
 use super::model::swivel_reference;
 use crate::space::Space;
 use mcdpr_core::random::Random;
@@ -32,6 +32,10 @@ pub struct Case {
     pub slip: Option<SimulatedSlip>,
     /// Whether there are swivel sensors and an inclinometer.
     pub attitude: bool,
+    /// Error of each coordinate of an anchor, standard deviation, m.
+    pub anchor_m: f64,
+    /// Instruments beside the robot.
+    pub outside: Outside,
     /// Factor on all errors of the machine.
     pub off: f64,
     /// Seed of everything random.
@@ -45,10 +49,23 @@ impl Default for Case {
             drum: 0.0,
             slip: None,
             attitude: true,
+            anchor_m: 1e-3,
+            outside: Outside::None,
             off: 1.0,
             seed: 1,
         }
     }
+}
+
+/// Instruments beside the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outside {
+    /// None.
+    None,
+    /// A tracker of positions and a tape; frame and target of the tracker are unknown.
+    Positions,
+    /// A tracker of poses and a tape.
+    Poses,
 }
 
 /// The true values behind the data.
@@ -60,6 +77,10 @@ pub struct Truth {
     pub drums: [f64; 4],
     /// Gain of each load cell, share.
     pub gains: [f64; 4],
+    /// The tracker's frame, tracker_from_world.
+    pub frame: Pose,
+    /// Its target on the platform, platform_from_target.
+    pub target: Pose,
 }
 
 /// A frame of 2 m by 2 m with pulleys of 30 mm that swivel about level axes, and a platform of 12 kg.
@@ -107,6 +128,61 @@ fn robot_of(machine: &Machine) -> Option<Robot<4>> {
     .ok()
 }
 
+/// A tracker and a tape.
+struct Beside {
+    random: Random,
+    frame: Pose,
+    target: Pose,
+    tape: Tape,
+    zero_m: f64,
+}
+
+impl Beside {
+    /// Describes them in the set, with a random generator of their own: the rest of the data does not change.
+    fn new(case: &Case, set: &mut Set) -> Self {
+        let mut random = Random::new(case.seed ^ 0x6f75_7473);
+        let mut point = |half: f64| Vector3::from_fn(|_, _| random.within(half));
+        let frame = Pose::new(point(3.0), Rotation3::new(point(1.5)));
+        let target = Pose::new(point(0.15), Rotation3::new(point(1.0)));
+        let tape = Tape {
+            name: "to the wall".to_owned(),
+            from_m: Vector3::new(2.0, 0.3, 0.4),
+            to_m: Vector3::new(0.05, 0.0, 0.1),
+            tolerance_m: 2e-3,
+        };
+        if case.outside != Outside::None {
+            set.trackers.push(Tracker {
+                name: "laser".to_owned(),
+                target_m: None,
+                tolerance_m: 2e-3,
+                start: None,
+            });
+            set.tapes.push(tape.clone());
+        }
+        Self {
+            zero_m: 2e-3 * random.normal(),
+            random,
+            frame,
+            target,
+            tape,
+        }
+    }
+
+    fn read(&mut self, case: &Case, pose: &Pose, sample: &mut Sample) {
+        if case.outside == Outside::None {
+            return;
+        }
+        let seen = self.frame.compose(pose).compose(&self.target);
+        let mut noise = |sigma: f64| case.off * sigma * self.random.normal();
+        sample.position_m = vec![[0, 1, 2].map(|k| Some(seen.position_m[k] + noise(2e-4)))];
+        let turn = Vector3::from_fn(|_, _| noise(1e-3));
+        let turned = Rotation3::new(turn) * seen.rotation;
+        sample.turned = vec![(case.outside == Outside::Poses).then_some(turned)];
+        let way = pose.position_m + pose.rotation * self.tape.to_m - self.tape.from_m;
+        sample.distance_m = vec![Some(way.norm() + self.zero_m + noise(1e-3))];
+    }
+}
+
 /// Simulates two sessions; `None` if the numbers do not give a valid robot (never with these).
 #[must_use]
 pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
@@ -116,7 +192,7 @@ pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
     let mut point = |sigma: f64| Vector3::from_fn(|_, _| off * sigma * random.normal());
     let mut made = stated.clone();
     for cable in &mut made.cables {
-        cable.anchor_m += point(1e-3);
+        cable.anchor_m += point(case.anchor_m);
         cable.attachment_m += point(3e-4);
     }
     made.center_of_mass_m += point(3e-3);
@@ -131,16 +207,21 @@ pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
         id: format!("simulated-{}", case.seed),
         robot: stated,
         eye: None,
+        trackers: Vec::new(),
+        tapes: Vec::new(),
         sessions: vec!["first".to_owned(), "second".to_owned()],
         homed: vec![true; 2],
         samples: Vec::new(),
         notes: Vec::new(),
         stated: Stated::default(),
     };
+    let mut beside = Beside::new(case, &mut set);
     let mut truth = Truth {
         poses: Vec::new(),
         drums,
         gains,
+        frame: beside.frame,
+        target: beside.target,
     };
     let weight = made.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
     for (session, count) in case.samples.into_iter().enumerate() {
@@ -188,6 +269,7 @@ pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
                     Some(rpy[axis] + drifted[axis] + off * 2e-3 * random.normal())
                 });
             }
+            beside.read(case, &pose, &mut sample);
             truth.poses.push(pose);
             set.samples.push(sample);
         }

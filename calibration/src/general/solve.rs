@@ -4,7 +4,7 @@ use super::model::{GROUPS, Model, Row, State, stepped_own};
 use super::unknowns::Unknown;
 use crate::corner::Entry;
 use mcdpr_kinematics::{Attempt, Damping, Pose, descend};
-use nalgebra::{Cholesky, DMatrix, DVector, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Rotation3, Vector3};
 
 /// One standard deviation per kind of reading.
 pub type Scatter = [f64; GROUPS];
@@ -83,6 +83,11 @@ pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
     let carried = robot.mass_kg * mcdpr_kinematics::GRAVITY_MPS2 / n;
     let place = middle - Vector3::z() * (0.5 * spread);
     let eye = model.set.eye.as_ref();
+    let unplaced = || (Pose::level(Vector3::zeros()), Rotation3::identity());
+    let trackers = model.layout.trackers.iter();
+    let frames: Vec<_> = trackers
+        .map(|&index| model.set.trackers[index].start.unwrap_or_else(unplaced))
+        .collect();
     State {
         theta: unknowns.iter().map(|u| u.mean).collect(),
         camera_from_platform: eye.map_or_else(
@@ -90,6 +95,8 @@ pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
             |eye| eye.camera_from_platform,
         ),
         world_from_body: eye.map_or_else(Vec::new, |eye| eye.world_from_body.clone()),
+        tracker_from_world: frames.iter().map(|start| start.0).collect(),
+        platform_from_target: frames.iter().map(|start| start.1).collect(),
         poses: model
             .set
             .samples

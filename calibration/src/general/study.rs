@@ -5,7 +5,9 @@ use super::first::{first_pose, pose_of};
 use super::fit::{Fit, Options, fit};
 use super::model::Group;
 use super::predict::{Answer, Given, Score, predict, score};
+use super::simulate::{Case, simulate};
 use super::verdict::{Verdict, verdict, without_moving};
+use nalgebra::Matrix3;
 use serde::Serialize;
 
 /// One of this many samples of the session is left out.
@@ -186,6 +188,53 @@ pub fn study(set: &Set, train: &str, options: &Options) -> Result<Study, String>
         fit: found,
         verdict,
         notes,
+    })
+}
+
+/// 95 % quantile of chi-square with three degrees of freedom.
+const CHI2_3_95: f64 = 7.8147;
+
+/// How well a simulated robot knows its place in a session that its calibration has not seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Region {
+    /// Position error, root mean square, m.
+    pub rms_m: f64,
+    /// The same as stated, m.
+    pub stated_m: f64,
+    /// Share of the samples whose true position lies within the stated 95 % region.
+    pub inside: f64,
+}
+
+/// Calibrates a simulated robot by its first session and predicts the poses of the second from three lengths and a
+/// tension, in the frame of the anchors.
+///
+/// # Errors
+/// In words: data that do not determine a robot.
+pub fn region(case: &Case) -> Result<Region, String> {
+    let (set, truth) = simulate(case).ok_or("the simulation has no robot")?;
+    let options = Options::default();
+    let found = fit(&set.only(|_, sample| sample.session == 0), &options)?;
+    let rest = set.only(|_, sample| sample.session != 0);
+    let places = set.samples.iter().zip(&truth.poses);
+    let places = places.filter_map(|(sample, pose)| (sample.session != 0).then_some(pose));
+    let (mut squares, mut stated, mut inside, mut count) = (0.0, 0.0, 0.0, 0.0);
+    for (answer, pose) in predict(&found, &rest, &given(set.cable_count()), &options.priors)
+        .into_iter()
+        .zip(places)
+    {
+        let answer = answer?;
+        let off = answer.pose.position_m - pose.position_m;
+        let covariance: Matrix3<f64> = answer.pose_covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let weighed = covariance.cholesky().map(|c| off.dot(&c.solve(&off)));
+        inside += f64::from(u8::from(weighed.is_some_and(|w| w <= CHI2_3_95)));
+        squares += off.norm_squared();
+        stated += covariance.trace();
+        count += 1.0;
+    }
+    Ok(Region {
+        rms_m: (squares / count).sqrt(),
+        stated_m: (stated / count).sqrt(),
+        inside: inside / count,
     })
 }
 

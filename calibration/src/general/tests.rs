@@ -27,6 +27,8 @@ fn every_derivative_matches_differences() {
     let layout = Layout {
         cables: 4,
         bodies: None,
+        trackers: Vec::new(),
+        tapes: Vec::new(),
         sessions: vec![0, 1],
         breaks: vec![super::unknowns::Break {
             cable: 2,

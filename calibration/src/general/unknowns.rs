@@ -107,6 +107,9 @@ impl Priors {
     }
 }
 
+/// Standard deviation of a target's place on the platform if it is not stated, m.
+const UNKNOWN_TARGET_M: f64 = 1.0;
+
 /// Unknowns per cable: gain, zero, drum, offset, loss, swivel, radius, anchor, attachment.
 const PER_CABLE: usize = 13;
 /// Centre of mass, mass, compliance, mounting.
@@ -121,6 +124,10 @@ pub struct Layout {
     pub cables: usize,
     /// Number of rigid bodies of tags; `None` without a camera.
     pub bodies: Option<usize>,
+    /// The trackers that take part, as indices into the set's.
+    pub trackers: Vec<usize>,
+    /// The tapes that take part, as indices into the set's.
+    pub tapes: Vec<usize>,
     /// The sessions that take part, as indices into the set's.
     pub sessions: Vec<usize>,
     /// Cables that slipped: cable, and the sample from which on it holds.
@@ -201,12 +208,12 @@ impl Layout {
     pub fn body(&self, body: usize) -> usize {
         self.camera() + CAMERA + 6 * body
     }
-    fn after_camera(&self) -> usize {
+    pub(crate) fn after_camera(&self) -> usize {
         self.bodies
             .map_or_else(|| self.camera(), |bodies| self.body(bodies))
     }
     fn session(&self, slot: usize) -> usize {
-        self.after_camera() + slot * (3 * self.cables + 4)
+        self.after_outside() + slot * (3 * self.cables + 4)
     }
     #[must_use]
     pub(crate) fn zero_of(&self, slot: usize, i: usize) -> usize {
@@ -283,6 +290,15 @@ pub(crate) fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unkno
     list.platform();
     if let (Some(bodies), Some(eye)) = (layout.bodies, &set.eye) {
         list.eye(eye, bodies);
+    }
+    for &tracker in &layout.trackers {
+        list.tracker(tracker);
+    }
+    for &tape in &layout.tapes {
+        if let Some(tape) = set.tapes.get(tape) {
+            let name = format!("the zero of tape {}", tape.name);
+            list.free(name, tape.tolerance_m, MM);
+        }
     }
     for &session in &layout.sessions {
         list.session(session);
@@ -430,6 +446,28 @@ impl List<'_> {
         self.entered(name, priors.tag, Unit::new(size, "mm"), 1.0);
         for body in 0..bodies {
             self.place(&format!("tag body {}", body + 1));
+        }
+    }
+
+    fn tracker(&mut self, index: usize) {
+        let Some(tracker) = self.set.trackers.get(index) else {
+            return;
+        };
+        let name = &tracker.name;
+        self.place(&format!("the frame of tracker {name}"));
+        let of = format!("the target of tracker {name}");
+        for (k, axis) in AXES.iter().enumerate() {
+            let name = format!("{of} in {axis}");
+            match tracker.target_m {
+                Some(target) => self.entered(name, tracker.tolerance_m, MM, target[k]),
+                None => self.free(name, UNKNOWN_TARGET_M, MM),
+            }
+        }
+        let turns = (self.set.samples.iter()).any(|s| matches!(s.turned.get(index), Some(Some(_))));
+        // Without attitudes there are no rows that would determine it.
+        let sigma = if turns { f64::INFINITY } else { 1e-9 };
+        for axis in AXES {
+            self.free(format!("{of} about {axis}"), sigma, DEGREES);
         }
     }
 

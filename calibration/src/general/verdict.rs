@@ -158,6 +158,14 @@ fn distrusted(fit: &Fit, out: &mut Verdict) -> (usize, usize) {
                 Group::Length | Group::Tension | Group::Swivel => {
                     format!("cable {}'s {what}", row.index + 1)
                 }
+                Group::Position | Group::Turn => {
+                    let tracker = fit.set.trackers.get(row.index / 3);
+                    format!("{what} of {}", tracker.map_or("?", |t| t.name.as_str()))
+                }
+                Group::Distance => {
+                    let tape = fit.set.tapes.get(row.index);
+                    format!("{what} of tape {}", tape.map_or("?", |t| t.name.as_str()))
+                }
                 _ => what.to_owned(),
             };
             out.distrusted.push(format!(

@@ -83,7 +83,7 @@ impl Cmd {
                 let unit = one.group.unit();
                 table.push(vec![
                     rest.name(answer.sample),
-                    name(one.group, one.index),
+                    name(one.group, one.index, &rest),
                     format!("{:+.2}", one.error * unit.factor),
                     format!("{:.2}", HALF_95 * one.sigma * unit.factor),
                     unit.symbol.to_owned(),
@@ -105,7 +105,7 @@ fn json(answer: &Answer, set: &Set) -> serde_json::Value {
         .iter()
         .map(|one| {
             serde_json::json!({
-                "reading": name(one.group, one.index), "error": one.error, "sigma": one.sigma,
+                "reading": name(one.group, one.index, set), "error": one.error, "sigma": one.sigma,
                 "inside": one.inside(),
             })
         })
@@ -119,12 +119,23 @@ fn json(answer: &Answer, set: &Set) -> serde_json::Value {
 
 const TURNS: [&str; 3] = ["roll", "pitch", "yaw"];
 
-fn name(group: Group, index: usize) -> String {
+fn name(group: Group, index: usize, set: &Set) -> String {
+    let tracker = || {
+        let tracker = set.trackers.get(index / 3);
+        let axis = ["x", "y", "z"][index % 3];
+        tracker.map_or_else(String::new, |t| format!("{} {axis}", t.name))
+    };
     match group {
         Group::Length => format!("length{}", index + 1),
         Group::Tension => format!("tension{}", index + 1),
         Group::Swivel => format!("swivel{}", index + 1),
         Group::Tilt | Group::Yaw => TURNS.get(index).map_or("", |word| word).to_owned(),
+        Group::Position => tracker(),
+        Group::Turn => format!("{} (angle)", tracker()),
+        Group::Distance => set
+            .tapes
+            .get(index)
+            .map_or_else(String::new, |t| t.name.clone()),
         _ => format!("{}{}", group.name(), index + 1),
     }
 }

@@ -1,6 +1,8 @@
 //! `mcdpr calibrate study`: how accurate both methods are on simulated data.
 
 use crate::calibration::check::POSES_MIN;
+use crate::calibration::general::simulate::{Case, Outside};
+use crate::calibration::general::study::{Region, region};
 use crate::calibration::joint::Options;
 use crate::calibration::simulate::{Setup, Silent, Target, simulate};
 use crate::calibration::study::{SlipEnd, Trial, any_slip, median, slip_trial, trial};
@@ -48,6 +50,16 @@ pub(crate) struct Cmd {
     /// One cable slips by this much at some pose, either way: how often it is named, refused and accepted
     #[arg(long, value_name = "MM", value_parser = not_negative)]
     slip_mm: Option<f64>,
+    /// The stated places of tags and camera are off by this much, each in some direction, mm
+    #[arg(long, default_value_t = 0.0, value_name = "MM", value_parser = not_negative)]
+    start_mm: f64,
+    /// They are turned by this much, each about some axis, degrees
+    #[arg(long, default_value_t = 0.0, value_name = "DEG", value_parser = not_negative)]
+    start_deg: f64,
+    /// Instead: two sessions of a robot as found with these sensors; from the first it calibrates, in the second it
+    /// tells its place
+    #[arg(long, value_enum, value_name = "SENSORS", conflicts_with_all = ["slip_mm", "write", "chosen", "free_poses"])]
+    sensors: Option<Sensors>,
     /// joint: leave the equations of equilibrium out
     #[arg(long)]
     no_statics: bool,
@@ -72,6 +84,18 @@ pub(crate) struct Cmd {
     /// Write the first seed's data to this file instead
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Sensors {
+    /// Lengths and tensions
+    Lengths,
+    /// The same, swivel angles and an inclinometer
+    Inclinometer,
+    /// Lengths, tensions, positions by a tracker, and a tape
+    Tracker,
+    /// All of these, and attitudes by the tracker
+    All,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -113,8 +137,51 @@ impl Cmd {
                 loss: self.loss,
                 outliers: self.outliers,
             },
+            start: [self.start_mm * 1e-3, self.start_deg.to_radians()],
             seed,
         }
+    }
+
+    /// Whether the region that a calibration by other sensors states holds the robot's place.
+    fn regions(&self, common: &Common, sensors: Sensors) -> Outcome {
+        let one = |i: u64| {
+            region(&Case {
+                samples: [self.poses, self.poses],
+                attitude: matches!(sensors, Sensors::Inclinometer | Sensors::All),
+                outside: match sensors {
+                    Sensors::Lengths | Sensors::Inclinometer => Outside::None,
+                    Sensors::Tracker => Outside::Positions,
+                    Sensors::All => Outside::Poses,
+                },
+                seed: common.seed + i,
+                ..Case::default()
+            })
+        };
+        let ends: Vec<Result<Region, String>> = (0..self.seeds).into_par_iter().map(one).collect();
+        let done: Vec<&Region> = ends.iter().flatten().collect();
+        let refused: Vec<&String> = ends.iter().filter_map(|end| end.as_ref().err()).collect();
+        let of = |f: fn(&Region) -> f64| done.iter().map(|region| f(region)).collect::<Vec<_>>();
+        let inside = of(|r| r.inside).iter().sum::<f64>() / done.len().max(1) as f64;
+        let (rms_mm, stated_mm) = (
+            median(of(|r| r.rms_m)) * 1e3,
+            median(of(|r| r.stated_m)) * 1e3,
+        );
+        if common.json {
+            return print_json(&serde_json::json!({
+                "seeds": self.seeds, "first_seed": common.seed, "poses": self.poses, "inside_95": inside,
+                "rms_mm": rms_mm, "stated_mm": stated_mm, "refused": refused,
+            }));
+        }
+        say!(
+            "{} machines: place in the second session {rms_mm:.2} mm off (median), {stated_mm:.2} mm stated; {:.1} % \
+             within the 95 % region",
+            done.len(),
+            inside * 100.0
+        );
+        for reason in refused {
+            say!("refused: {reason}");
+        }
+        Ok(())
     }
 
     /// How slips while the data were collected are found.
@@ -180,6 +247,9 @@ impl Cmd {
             let text = data.to_json().to_string();
             crate::files::write_atomically(file, text).map_err(Failed::from_error(&what))?;
             return Ok(());
+        }
+        if let Some(sensors) = self.sensors {
+            return self.regions(common, sensors);
         }
         let options = Options {
             without_statics: self.no_statics,
