@@ -109,6 +109,8 @@ pub struct Setup {
     pub found: bool,
     /// A cable that slips while the data are collected.
     pub slip: Option<SimulatedSlip>,
+    /// Whether the last pose is the first one again, as `collect` does.
+    pub revisit: bool,
     /// By how much the stated places of tags and camera are off, each in some direction: m, rad.
     pub start: [f64; 2],
     /// Seed of everything random.
@@ -129,6 +131,7 @@ impl Default for Setup {
             silent: Silent::default(),
             found: false,
             slip: None,
+            revisit: false,
             start: [0.0; 2],
             seed: 1,
         }
@@ -492,6 +495,25 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         if !views.is_empty() {
             taken.push((pose, tensions_n, views));
         }
+    }
+    if setup.revisit
+        && let Some((pose, tensions_n, views)) = taken.first().cloned()
+    {
+        let disturbed = next.disturbed(&mut random).filter(|_| setup.found);
+        let here = disturbed.as_ref().unwrap_or(&robot);
+        let again = PAPER_SPACE.hang(here, &pose.position_m, 3, tensions_n[3]);
+        taken.push(again.map_or((pose, tensions_n, views), |hung| {
+            let from_world = camera_from_platform.compose(&hung.pose.inverse());
+            let views = views_within(
+                &machine.camera,
+                &data.tags,
+                &world_from_body,
+                &from_world,
+                1.0 + silent.tag,
+                margin_px,
+            );
+            (hung.pose, hung.tensions_n, views)
+        }));
     }
     let mut holdout = Vec::new();
     while holdout.len() < 120 {

@@ -70,6 +70,10 @@ fn collected_data_calibrate_the_robot() {
     assert_eq!(data.poses.len(), 12);
     let measured = |step: &&Step| matches!(step, Step::Measured { .. });
     assert_eq!(steps.iter().filter(measured).count(), 11);
+    let Some(Step::Returned { apart_m }) = steps.last() else {
+        panic!("{:?}", steps.last());
+    };
+    assert!(*apart_m < 1e-3, "{apart_m}");
     let answer = joint(&data, &Estimator::default()).unwrap();
     assert!(
         answer.predicted_error_m < 2e-3,
@@ -246,7 +250,7 @@ fn s12_lost_tags_cost_their_pose_and_a_wrong_sight_is_named_and_moves_nothing() 
         |step| match step {
             Step::Going { .. } => going.set(going.get() + 1),
             Step::Skipped { reason } => skipped.push(reason),
-            Step::Measured { .. } => {}
+            Step::Measured { .. } | Step::Returned { .. } => {}
         },
     )
     .unwrap();

@@ -1,4 +1,5 @@
-//! Collecting where tensions misbehave.
+//! Collecting where tensions misbehave, or a cable slips.
 
 mod high_up;
 mod shaken;
+mod slipping;

@@ -102,7 +102,7 @@ fn collected(seed: u64, load_n: fn(f64) -> f64) -> Result<(Vec<String>, usize), 
                 wanted.set(false);
                 skipped.push(reason);
             }
-            Step::Measured { .. } => {}
+            Step::Measured { .. } | Step::Returned { .. } => {}
         },
     )?;
     assert_eq!(data.poses.len(), 10);

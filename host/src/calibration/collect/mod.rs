@@ -98,6 +98,11 @@ pub enum Step {
         /// Expected root mean square position error with the poses so far, m.
         expected_error_m: f64,
     },
+    /// The first pose was measured again at the end.
+    Returned {
+        /// Largest difference of a length from its first reading there, m.
+        apart_m: f64,
+    },
     /// A pose failed.
     Skipped {
         /// Why.
@@ -240,6 +245,15 @@ pub fn collect<L: Link, S: TagSource>(
 /// Fewer poses show no slip.
 const SLIP_POSES: usize = 8;
 
+/// The error that ends a collection during which a cable slipped.
+fn a_slip(slip: &Slipped) -> CollectError {
+    CollectError::impossible(
+        format!("{}; poses before and after do not fit together", slip.words),
+        "look how that cable is held on its drum, home the robot, and collect again without --resume; the poses so far \
+         are kept in the file",
+    )
+}
+
 /// A cable that has slipped since the first pose.
 fn slipped(data: &Data) -> Option<Slipped> {
     if data.poses.len() < SLIP_POSES {
@@ -277,12 +291,14 @@ impl<L: Link> Session<'_, L> {
             None => Sketch::new(&robot, hash, &self.home, (seed, kind)),
         };
         let mut suspected = None;
+        let mut first = None;
         if sketch.data.poses.is_empty() {
             let here = self.here.clone();
             match self.measure(source, &sketch)? {
                 Waited::Still(still) => {
                     let pose = &here.equilibrium.pose;
                     meanwhile(&mut self.client, || sketch.add(pose, &still))?;
+                    first = Some((here, still));
                 }
                 Waited::Nothing(reason) => {
                     return Err(CollectError::impossible(
@@ -344,11 +360,7 @@ impl<L: Link> Session<'_, L> {
                     // A second pose must agree: a collection asks often, and one reading may be wrong.
                     let again = slipped.as_ref().filter(|now| suspected == Some(now.cable));
                     if let Some(slip) = again {
-                        return Err(CollectError::impossible(
-                            format!("{}; poses before and after do not fit together", slip.words),
-                            "look how that cable is held on its drum, home the robot, and collect again without \
-                             --resume; the poses so far are kept in the file",
-                        ));
+                        return Err(a_slip(slip));
                     }
                     suspected = slipped.map(|slip| slip.cable);
                     progress(Step::Measured {
@@ -375,7 +387,39 @@ impl<L: Link> Session<'_, L> {
                 }
             }
         }
+        if let Some((first, before)) = first {
+            self.revisit(source, &first, &before, &sketch, progress)?;
+        }
         Ok(sketch.data)
+    }
+
+    /// Measures the first pose once more. A slip before the second or the last pose leaves a single pose on one side,
+    /// which its neighbours hardly contradict; here the same pose has two lengths. The measurement is not kept: it
+    /// repeats another.
+    fn revisit<S: TagSource>(
+        &mut self,
+        source: &mut S,
+        first: &StaticState,
+        before: &Still,
+        sketch: &Sketch,
+        progress: &mut impl FnMut(Step),
+    ) -> Result<(), CollectError> {
+        if sketch.data.poses.len() < SLIP_POSES || self.go(first)?.is_some() {
+            return Ok(());
+        }
+        let Waited::Still(still) = self.measure(source, sketch)? else {
+            return Ok(());
+        };
+        let slipped = meanwhile(&mut self.client, || {
+            let mut with = sketch.clone();
+            with.add(&first.equilibrium.pose, &still);
+            slipped(&with.data)
+        })?;
+        let pairs = still.lengths_m.iter().zip(&before.lengths_m);
+        progress(Step::Returned {
+            apart_m: pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max),
+        });
+        slipped.map_or(Ok(()), |slip| Err(a_slip(&slip)))
     }
 
     /// Stops the robot if that was asked for.

@@ -275,6 +275,10 @@ fn print_step(step: &Step) {
             },
             expected_error_m * 1e3
         ),
+        Step::Returned { apart_m } => eprintln!(
+            "back at the first pose: lengths repeat within {:.3} mm",
+            apart_m * 1e3
+        ),
         Step::Skipped { reason } => eprintln!("pose left out: {reason}"),
     }
 }

@@ -50,6 +50,9 @@ pub(crate) struct Cmd {
     /// One cable slips by this much at some pose, either way: how often it is named, refused and accepted
     #[arg(long, value_name = "MM", value_parser = not_negative)]
     slip_mm: Option<f64>,
+    /// The last pose is the first one again, as `calibrate collect` does
+    #[arg(long)]
+    revisit: bool,
     /// The stated places of tags and camera are off by this much, each in some direction, mm
     #[arg(long, default_value_t = 0.0, value_name = "MM", value_parser = not_negative)]
     start_mm: f64,
@@ -137,6 +140,7 @@ impl Cmd {
                 loss: self.loss,
                 outliers: self.outliers,
             },
+            revisit: self.revisit,
             start: [self.start_mm * 1e-3, self.start_deg.to_radians()],
             seed,
         }

@@ -103,7 +103,7 @@ impl Node<'_> {
         };
         let keep = |data: &Data| keeper.keep(data);
         let progress = |step: Step| match step {
-            Step::Going { .. } => {}
+            Step::Going { .. } | Step::Returned { .. } => {}
             Step::Measured { done, wanted, .. } => {
                 goal.came_to(share(done, wanted));
                 self.feed.say(&format!("pose {done} of {wanted} measured"));
