@@ -18,6 +18,17 @@ pub(crate) fn chi2_quantile(freedoms: f64, deviate: f64) -> f64 {
 /// variance, so large errors are rarer than with a normal distribution.
 #[must_use]
 pub(crate) fn radius_95_m(covariance_m2: &Matrix3<f64>, limited_m2: &Matrix3<f64>) -> f64 {
+    radius_m(covariance_m2, limited_m2, 1.645)
+}
+
+/// As [`radius_95_m`] in 99.9 % of cases, m.
+#[must_use]
+pub(crate) fn radius_999_m(covariance_m2: &Matrix3<f64>, limited_m2: &Matrix3<f64>) -> f64 {
+    radius_m(covariance_m2, limited_m2, 3.090)
+}
+
+/// As [`radius_95_m`] for the quantile of a standard normal deviate.
+fn radius_m(covariance_m2: &Matrix3<f64>, limited_m2: &Matrix3<f64>, deviate: f64) -> f64 {
     let mean = covariance_m2.trace();
     let normal = 2.0 * (covariance_m2 * covariance_m2).trace();
     if mean.is_nan() || mean <= 0.0 || normal <= 0.0 {
@@ -27,7 +38,7 @@ pub(crate) fn radius_95_m(covariance_m2: &Matrix3<f64>, limited_m2: &Matrix3<f64
     // A part of the covariance: the variance stays positive.
     let variance = (normal - limited).max(0.2 * normal);
     let freedoms = 2.0 * mean * mean / variance;
-    (variance / (2.0 * mean) * chi2_quantile(freedoms, 1.645)).sqrt()
+    (variance / (2.0 * mean) * chi2_quantile(freedoms, deviate)).sqrt()
 }
 
 #[cfg(test)]
@@ -69,5 +80,7 @@ mod tests {
         // Uniform on a cube of half width 1.732: 95 % are within 2.39, and none is beyond 3.
         let one = Matrix3::identity();
         assert!((radius_95_m(&one, &one) - 2.39).abs() < 0.06);
+        // 16.27 is the 99.9 % quantile of chi-square with three degrees of freedom.
+        assert!((radius_999_m(&one, &Matrix3::zeros()) - 16.27_f64.sqrt()).abs() < 0.05);
     }
 }

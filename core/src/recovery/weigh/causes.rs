@@ -8,7 +8,7 @@
 
 use super::{HOMED_M, Known, TAG_PLACE_M};
 use crate::estimate::EstimateError;
-use crate::estimate::region::radius_95_m;
+use crate::estimate::region::{radius_95_m, radius_999_m};
 use crate::motion::Model;
 use crate::recovery::fuse::{Found, Weighed, fuse};
 use nalgebra::{Matrix3, Vector3};
@@ -88,6 +88,11 @@ impl Chosen {
             sum += rest * homed * rest.transpose();
         }
         sum
+    }
+
+    /// Radius that holds the error in 99.9 % of cases, m, where there is one cause only.
+    pub(super) fn bound_999_m(&self) -> f64 {
+        radius_999_m(&self.covariance_m2(), &self.of_places())
     }
 
     /// Radius that holds the error in 95 % of cases, m.
