@@ -32,7 +32,7 @@ const STARTS: [(f64, bool); 11] = [
 /// Sum of weighted squares per sample below which a minimum fits: about two without errors that are not stated.
 const FITS: f64 = 5.0;
 
-/// A picture's candidates: sample, pose of the platform, pose of the body in the camera.
+/// A picture of a body of tags: how the platform hung, and where the body may be in the camera's frame.
 struct Seen {
     platform: Pose,
     candidates: Vec<Sighting>,
@@ -172,8 +172,11 @@ impl Seen {
     }
 }
 
-/// The mean place of a body in the world.
+/// The mean place of a body in the world; `None` if it was never seen.
 fn mean(seen: &[Seen], camera_from_platform: &Pose) -> Option<Pose> {
+    if seen.is_empty() {
+        return None;
+    }
     let (mut turn, mut place) = (Matrix3::zeros(), Vector3::zeros());
     for seen in seen {
         let one = seen

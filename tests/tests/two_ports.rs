@@ -6,8 +6,8 @@ use mcdpr_tests::process::{Folder, Simulator};
 use serde_json::Value;
 use std::process::{Output, Stdio};
 
-/// At this speed a busy machine has 0.4 s before a board counts as silent (60 ms), and 0.7 s before it misses its host.
-const SCALE: &str = "0.15";
+/// At this speed a busy machine has 0.6 s before a board counts as silent (60 ms), and 1 s before it misses its host.
+const SCALE: &str = "0.1";
 const ROBOT: [&str; 2] = ["--robot", "eight-two-boards"];
 
 fn run(words: &[&str]) -> Output {
