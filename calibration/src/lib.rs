@@ -12,7 +12,7 @@
 //! | `normal`, `solve` | elimination of the poses; Levenberg-Marquardt; outliers |
 //! | [`dense`] | the same in a plain implementation, for comparison |
 //! | `observability`, `predict` | which unknowns the data determine, and the expected position error |
-//! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
+//! | [`mod@joint`], `fit`, `judge`, [`answer`] | the default method, its verdict and its file form |
 //! | `assay` | upper poses against lower ones, the map of the expected error, the next pose to measure |
 //! | `restart` | a start where the stated places of tags and camera are far off |
 //! | [`mod@paper`], `hand_eye`, `lengths` | the paper's method, for comparison; anchors from lengths if tag poses are given |
@@ -38,6 +38,7 @@ mod fit;
 pub mod general;
 mod hand_eye;
 pub mod joint;
+mod judge;
 mod lengths;
 mod normal;
 mod observability;

@@ -2,6 +2,7 @@
 
 use super::answer::Answer;
 use super::data::Data;
+use super::general::predict::CHI2_3_95;
 use super::joint::{Options, joint};
 use super::predict::displacement;
 use super::simulate::{Setup, SimulatedSlip, Truth, simulate};
@@ -25,9 +26,6 @@ pub struct Errors {
     /// Share of the poses whose error lies in the 95 % region of the stated covariance.
     pub inside_95: f64,
 }
-
-/// 95 % quantile of chi-square with three degrees of freedom.
-const CHI2_3_95: f64 = 7.8147;
 
 /// Compares predicted readings at the held-out poses with the truth.
 #[must_use]

@@ -527,6 +527,18 @@ fn p2_lengths_that_agree_with_a_tag_by_chance_are_not_believed_beyond_it() {
         assert_eq!(document["kinds"][kind]["accepted"], 1, "{document}");
         assert_eq!(document["accepted_wrongly"], 0, "{document}");
     }
+    // A tag alone, 1.8 mm off: its 95 % bound is 1.2 mm, and the bound that decides is a greater one.
+    let document = study(&[
+        "--runs",
+        "1",
+        "--seed",
+        "121287",
+        "--disturbed",
+        "--robot",
+        "lab-fast",
+    ]);
+    assert_eq!(document["kinds"]["moved"]["accepted"], 1, "{document}");
+    assert_eq!(document["accepted_wrongly"], 0, "{document}");
 }
 
 #[test]

@@ -120,7 +120,7 @@ impl Path {
     }
 }
 
-fn three(theta: &[f64], at: usize) -> Vector3<f64> {
+pub(super) fn three(theta: &[f64], at: usize) -> Vector3<f64> {
     Vector3::new(theta[at], theta[at + 1], theta[at + 2])
 }
 

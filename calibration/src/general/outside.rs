@@ -6,7 +6,7 @@
 
 use super::data::{Sample, Set, Tracker};
 use super::group::Group;
-use super::model::{Model, Row, State};
+use super::model::{Model, Row, State, three};
 use super::unknowns::Layout;
 use crate::corner::{Entry, put, spread};
 use crate::pnp::nearest_rotation;
@@ -17,10 +17,6 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 /// Least distance of a tracker's positions from their best line, root mean square, m: below it the turn of its
 /// frame about that line is not determined.
 const ASIDE_M: f64 = 0.01;
-
-fn three(theta: &[f64], at: usize) -> Vector3<f64> {
-    Vector3::new(theta[at], theta[at + 1], theta[at + 2])
-}
 
 impl Layout {
     /// First of the six unknowns of a tracker's frame; `slot` counts the trackers that take part.

@@ -13,6 +13,9 @@ use nalgebra::{DMatrix, DVector};
 /// Half the width of a 95 % interval, in standard deviations.
 pub const HALF_95: f64 = 1.96;
 
+/// 95 % quantile of chi-square with three degrees of freedom: a region in space.
+pub(crate) const CHI2_3_95: f64 = 7.8147;
+
 /// Which readings of a sample are given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Given {

@@ -4,7 +4,7 @@ use super::data::Set;
 use super::first::{first_pose, pose_of};
 use super::fit::{Fit, Options, fit};
 use super::model::Group;
-use super::predict::{Answer, Given, Score, predict, score};
+use super::predict::{Answer, CHI2_3_95, Given, Score, predict, score};
 use super::simulate::{Case, simulate};
 use super::verdict::{Verdict, verdict, without_moving};
 use nalgebra::Matrix3;
@@ -190,9 +190,6 @@ pub fn study(set: &Set, train: &str, options: &Options) -> Result<Study, String>
         notes,
     })
 }
-
-/// 95 % quantile of chi-square with three degrees of freedom.
-const CHI2_3_95: f64 = 7.8147;
 
 /// How well a simulated robot knows its place in a session that its calibration has not seen.
 #[derive(Debug, Clone, Copy, PartialEq)]

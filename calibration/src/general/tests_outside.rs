@@ -1,10 +1,11 @@
 //! Trackers, tapes and clocks: a frame that is solved for, and bad files.
 
 use super::fit::{Fit, Options, fit};
-use super::model::{Group, Model, stepped_own};
+use super::model::{Group, Model, Row};
 use super::predict::{predict, score};
 use super::simulate::{Case, Outside, simulate};
-use super::study::given;
+use super::study::{given, region};
+use super::tests::slopes_match;
 use super::unknowns::unknowns;
 use super::verdict::{verdict, without_moving};
 use super::{Priors, Set, solve};
@@ -44,48 +45,10 @@ fn derivatives_of_trackers_and_tapes_match_differences() {
         middle_m: 1.7,
     };
     let state = solve::start(&model, &unknowns(&set, &layout, &Priors::default()));
-    let tensions = vec![90.0, 60.0, 120.0, 80.0];
     let outside = |group: Group| matches!(group, Group::Position | Group::Turn | Group::Distance);
-    for (k, sample) in set.samples.iter().enumerate() {
-        let pose = &truth.poses[k];
-        let rows = model.rows(&state, sample, k, pose, &tensions).unwrap();
-        let own = layout.own();
-        for j in 0..own + layout.len() {
-            let residuals = |step: f64| {
-                let (mut a, mut b) = (vec![0.0; own], vec![0.0; layout.len()]);
-                if j < own {
-                    a[j] = step;
-                } else {
-                    b[j - own] = step;
-                }
-                let (pose, tensions) = stepped_own(pose, &tensions, &a);
-                let state = model.stepped(&state, &b);
-                let rows = model.rows(&state, sample, k, &pose, &tensions).unwrap();
-                rows.iter().map(|row| row.residual).collect::<Vec<_>>()
-            };
-            let (up, down) = (residuals(1e-6), residuals(-1e-6));
-            for (i, row) in rows
-                .iter()
-                .enumerate()
-                .filter(|(_, row)| outside(row.group))
-            {
-                let slope = (up[i] - down[i]) / 2e-6;
-                let entries = row.shared.iter();
-                let reported = if j < own {
-                    row.own[j]
-                } else {
-                    entries.filter(|e| e.at == j - own).map(|e| e.slope).sum()
-                };
-                // The rotation vector of a small residual turns by a half of it.
-                assert!(
-                    (slope - reported).abs() < 5e-3,
-                    "sample {k}, {:?} {}, unknown {j}: {slope} {reported}",
-                    row.group,
-                    row.index
-                );
-            }
-        }
-    }
+    // The rotation vector of a small residual turns by a half of it.
+    let limit = |row: &Row, _| outside(row.group).then_some(5e-3);
+    slopes_match(&model, &state, &truth.poses, limit);
 }
 
 /// Root mean square distance between predicted and true places after the best motion of their frames, m.
@@ -288,4 +251,28 @@ fn times_that_cannot_be_right_are_not_used_and_a_stated_rest_in_motion_is_named(
     );
     let still = without_moving(&read);
     assert_eq!(still.samples.len(), set.samples.len() - 1);
+}
+
+#[test]
+fn a_place_in_another_session_lies_within_the_stated_region() {
+    for (attitude, outside) in [
+        (false, Outside::None),
+        (true, Outside::None),
+        (true, Outside::Poses),
+    ] {
+        let (mut inside, mut ratio) = (0.0, 0.0);
+        for seed in 31..=36 {
+            let case = Case {
+                samples: [20, 20],
+                attitude,
+                ..case(seed, outside)
+            };
+            let found = region(&case).unwrap();
+            inside += found.inside / 6.0;
+            ratio += found.rms_m / found.stated_m / 6.0;
+        }
+        assert!(inside > 0.9, "{outside:?}: {inside}");
+        // Nor is it a region that holds everything.
+        assert!(ratio > 0.4, "{outside:?}: {ratio}");
+    }
 }

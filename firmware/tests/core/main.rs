@@ -31,3 +31,4 @@ mod support;
 mod tension;
 mod units;
 mod watch;
+mod watch_motion;

@@ -61,7 +61,10 @@ pub(crate) struct Cmd {
     start_deg: f64,
     /// Instead: two sessions of a robot as found with these sensors; from the first it calibrates, in the second it
     /// tells its place
-    #[arg(long, value_enum, value_name = "SENSORS", conflicts_with_all = ["slip_mm", "write", "chosen", "free_poses"])]
+    #[arg(long, value_enum, value_name = "SENSORS", conflicts_with_all = [
+        "target", "corner_px", "anchor_mm", "encoder_mm", "free_poses", "chosen", "drawn", "found", "slip_mm", "revisit",
+        "start_mm", "start_deg", "no_statics", "tag_error", "k1", "drum_error", "ea_n", "loss", "outliers", "write",
+    ])]
     sensors: Option<Sensors>,
     /// joint: leave the equations of equilibrium out
     #[arg(long)]

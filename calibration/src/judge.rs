@@ -1,0 +1,307 @@
+//! The verdict on a joint estimate: data that contradict the model are refused, doubtful ones named.
+
+use super::answer::RejectedRow;
+use super::data::Data;
+use super::error::Refusal;
+use super::rows::{Model, Source};
+use super::solve::Minimum;
+
+/// Share by which a drum, and a load cell's gain, may be off: several times what machines as delivered show.
+const DRUM_MAX: f64 = 0.1;
+const GAIN_MAX: f64 = 0.4;
+
+/// Refuses data that contradict the model and warns of doubtful ones.
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn judge(
+    data: &Data,
+    model: &Model<'_>,
+    minimum: &Minimum,
+    rejected: &[RejectedRow],
+    freedom: f64,
+    warnings: &mut Vec<String>,
+) -> Result<(), Refusal> {
+    let refuse = |what: String| Err(Refusal::Contradiction { what });
+    let state = &minimum.state;
+    let priors = &minimum.priors;
+    let tags_off = (state.tag_scale - 1.0) / priors.tag;
+    // Six standard deviations of the prior: 0.6 % of the size by default.
+    if tags_off.abs() > 6.0 {
+        return Err(wrong_size(data, state.tag_scale));
+    }
+    // Priors that the data widen must not turn a mistake into a property of the machine.
+    for i in 0..data.cable_count() {
+        let (drum, gain) = (state.scale(i) - 1.0, -state.loss[i]);
+        if drum.abs() > DRUM_MAX {
+            return refuse(format!(
+                "cable {}'s lengths come out {:+.0} % off: check its drum, its encoder and the unit",
+                i + 1,
+                drum * 100.0
+            ));
+        }
+        if gain.abs() > GAIN_MAX {
+            return refuse(format!(
+                "cable {}'s tensions come out {:+.0} % off: check its sensor's gain and the unit",
+                i + 1,
+                gain * 100.0
+            ));
+        }
+    }
+    let blame = blame(model, minimum);
+    let rows = judge_rejected(minimum, rejected, &blame)?;
+    if minimum.tension_relative > 0.06 {
+        return refuse(format!(
+            "the tensions contradict the lengths and pictures by {:.0} % of their value: check their \
+             gains and zeros, or leave them out (null); {blame}",
+            minimum.tension_relative * 100.0
+        ));
+    }
+    judge_scatter(minimum, freedom, &blame, warnings)?;
+    if rejected.len() * 100 > 3 * rows {
+        warnings.push(format!(
+            "{} of {rows} measurements were rejected; {blame}",
+            rejected.len()
+        ));
+    }
+    judge_priors(data, model, minimum, warnings)?;
+    if minimum.tension_relative > 0.0 {
+        warnings.push(format!(
+            "the tensions scatter by another {:.1} % of their value (friction of the pulleys)",
+            minimum.tension_relative * 100.0
+        ));
+    }
+    Ok(())
+}
+
+/// Refuses where too many measurements of one kind, or of all, fit no robot. Returns the number of
+/// measurements.
+fn judge_rejected(
+    minimum: &Minimum,
+    rejected: &[RejectedRow],
+    blame: &str,
+) -> Result<usize, Refusal> {
+    let refuse = |what: String| Err(Refusal::Contradiction { what });
+    // A corner is one measurement of two rows.
+    let second = |source: &Source| matches!(source, Source::Corner(_, _, 1) | Source::Balance(_));
+    let all = minimum.sources.iter().flatten();
+    let rows = all.filter(|source| !second(source)).count();
+    for kind in ["encoder", "tension", "corner"] {
+        let is = |source: &&Source| match source {
+            Source::Encoder(_) => kind == "encoder",
+            Source::Tension(_) => kind == "tension",
+            Source::Corner(_, _, axis) => kind == "corner" && *axis == 0,
+            Source::Balance(_) => false,
+        };
+        let all = minimum.sources.iter().flatten().filter(is).count();
+        let out = rejected.iter().filter(|row| row.kind == kind).count();
+        if out * 10 > 3 * all {
+            return refuse(format!(
+                "{out} of {all} {kind} measurements fit no common robot; {blame}"
+            ));
+        }
+    }
+    if rejected.len() * 5 > rows {
+        return refuse(format!(
+            "{} of {rows} measurements fit no common robot; {blame}",
+            rejected.len()
+        ));
+    }
+    Ok(rows)
+}
+
+/// Refuses, or warns, where the measurements scatter more than stated.
+fn judge_scatter(
+    minimum: &Minimum,
+    freedom: f64,
+    blame: &str,
+    warnings: &mut Vec<String>,
+) -> Result<(), Refusal> {
+    let ratio = minimum.normal.chi_square / freedom.max(1.0);
+    // Five standard deviations of chi-square over its mean.
+    let chance = 5.0 * (2.0 / freedom.max(1.0)).sqrt();
+    if ratio > 2.0 + chance {
+        return Err(Refusal::Contradiction {
+            what: format!(
+                "the measurements scatter {:.1} times as much as stated (chi-square {:.0} for {freedom:.0} \
+             degrees of freedom); {blame}",
+                ratio.sqrt(),
+                minimum.normal.chi_square
+            ),
+        });
+    }
+    if ratio > 1.0 + chance {
+        warnings.push(format!(
+            "the measurements scatter {:.2} times as much as stated: check noise_1sigma; {blame}",
+            ratio.sqrt()
+        ));
+    }
+    Ok(())
+}
+
+/// Standard deviations from which on a pulley's entered radius is contradicted, and the least difference, m.
+const RADIUS_SURE: f64 = 5.0;
+const RADIUS_M: f64 = 5e-4;
+
+/// Warns of pulleys whose entered radius the data contradict, with the value that they want.
+fn judge_radii(data: &Data, model: &Model<'_>, minimum: &Minimum, warnings: &mut Vec<String>) {
+    let cables = minimum.state.cables.iter().zip(&data.robot.cables);
+    for (i, (now, entered)) in cables.enumerate() {
+        let at = model.layout.radius(i);
+        let sigma = minimum.covariance[(at, at)].sqrt();
+        let off = now.pulley_radius_m - entered.pulley_radius_m;
+        if off.abs() > RADIUS_M.max(RADIUS_SURE * sigma) {
+            warnings.push(format!(
+                "cable {}'s pulley radius is entered as {:.2} mm, the data want {:.2} mm (1 sigma {:.2}): \
+                 measure it and correct the robot file",
+                i + 1,
+                entered.pulley_radius_m * 1e3,
+                now.pulley_radius_m * 1e3,
+                sigma * 1e3
+            ));
+        }
+    }
+}
+
+/// Refuses anchors far from nominal; warns of values that contradict what was known before.
+fn judge_priors(
+    data: &Data,
+    model: &Model<'_>,
+    minimum: &Minimum,
+    warnings: &mut Vec<String>,
+) -> Result<(), Refusal> {
+    let (priors, state) = (&minimum.priors, &minimum.state);
+    judge_radii(data, model, minimum, warnings);
+    for prior in state.priors(data, &model.layout, priors) {
+        let off = prior.deviation / prior.sigma;
+        let anchor = prior.index < model.layout.initial_length(0);
+        // A fifth more than the tolerance: the estimate has an error of its own.
+        let limit = data.robot.anchor_half_tolerance_m * 1.2;
+        if anchor && prior.deviation.abs() > 3.0 * limit {
+            return Err(Refusal::Contradiction {
+                what: format!(
+                    "cable {}: its anchor comes out {:.1} mm from nominal, the tolerance is {:.1} mm: are \
+                 these the data of this robot?",
+                    prior.index / 3 + 1,
+                    prior.deviation * 1e3,
+                    data.robot.anchor_half_tolerance_m * 1e3
+                ),
+            });
+        }
+        if anchor && prior.deviation.abs() > limit {
+            warnings.push(format!(
+                "cable {}: its anchor comes out {:+.1} mm from nominal in {}, beyond the tolerance",
+                prior.index / 3 + 1,
+                prior.deviation * 1e3,
+                ["x", "y", "z"][prior.index % 3]
+            ));
+        } else if !anchor && off.abs() > 4.0 {
+            warnings.push(format!(
+                "{} comes out {:.1} standard deviations from what was known beforehand",
+                name(model, prior.index),
+                off.abs()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Finds the cable, pose or tag that contributes most to the misfit.
+fn blame(model: &Model<'_>, minimum: &Minimum) -> String {
+    let mut sums: Vec<(String, f64)> = Vec::new();
+    let mut add = |who: String, square: f64| match sums.iter_mut().find(|(name, _)| *name == who) {
+        Some((_, sum)) => *sum += square,
+        None => sums.push((who, square)),
+    };
+    let mut total = 0.0;
+    for (k, sources) in minimum.sources.iter().enumerate() {
+        for (j, source) in sources.iter().enumerate() {
+            // 20 standard deviations at most: one gross outlier must not hide the cause of many
+            // misfits.
+            let square = minimum.normal.residuals[k][j].powi(2).min(400.0);
+            total += square;
+            add(format!("pose {}", k + 1), square);
+            match source {
+                Source::Encoder(i) => add(format!("cable {}'s length", i + 1), square),
+                Source::Tension(i) => add(format!("cable {}'s tension", i + 1), square),
+                Source::Balance(_) => {}
+                Source::Corner(v, ..) => {
+                    let tag = model.data.poses[k].views[*v].tag;
+                    add(format!("tag {}", model.data.tags[tag].id), square);
+                }
+            }
+        }
+    }
+    sums.sort_by(|a, b| b.1.total_cmp(&a.1));
+    match sums.first() {
+        Some((who, sum)) => format!(
+            "{who} contributes most ({:.0} % of it)",
+            100.0 * sum / total
+        ),
+        None => "no single cause".to_owned(),
+    }
+}
+
+fn name(model: &Model<'_>, index: usize) -> String {
+    let layout = &model.layout;
+    if index < layout.attachment(0) {
+        return format!("cable {}'s pulley radius", index - layout.radius(0) + 1);
+    }
+    if index < layout.scales() {
+        let i = index - layout.attachment(0);
+        return format!(
+            "cable {}'s attachment in {}",
+            i / 3 + 1,
+            ["x", "y", "z"][i % 3]
+        );
+    }
+    let of = |index: usize, first: usize, what: &str| {
+        Some(index.wrapping_sub(first))
+            .filter(|i| *i < layout.cables)
+            .map(|i| format!("cable {}'s {what}", i + 1))
+    };
+    if let Some(words) = of(index, layout.drum(0), "drum") {
+        return words;
+    }
+    if index < layout.statics() {
+        let words = [
+            "the drums' scale",
+            "the focal length",
+            "the principal point in u",
+            "the principal point in v",
+            "the lens's k1",
+            "the tags' scale",
+        ];
+        return words[index - layout.scales()].to_owned();
+    }
+    let own = of(index, layout.zero(0), "tension zero")
+        .or_else(|| of(index, layout.soft(0), "own compliance"));
+    if let Some(words) = own {
+        return words;
+    }
+    let words = [
+        "the cables' compliance",
+        "the mass",
+        "the centre of mass in x",
+        "the centre of mass in y",
+        "the centre of mass in z",
+    ];
+    match words.get(index - layout.statics()) {
+        Some(words) => (*words).to_owned(),
+        None => format!("cable {}'s loss of tension", index - layout.loss(0) + 1),
+    }
+}
+
+/// The refusal of tags whose true size is `scale` times the stated one.
+pub(crate) fn wrong_size(data: &Data, scale: f64) -> Refusal {
+    let (id, size_mm) = data
+        .tags
+        .first()
+        .map_or((0, 0.0), |tag| (tag.id, tag.size_m * 1e3));
+    Refusal::Contradiction {
+        what: format!(
+            "the tags are {:+.2} % off their stated size: tag {id} is said to be {size_mm:.2} mm, the \
+             cables' lengths say {:.2} mm; measure its edge and correct size_mm and corners_in_body_mm",
+            (scale - 1.0) * 100.0,
+            size_mm * scale
+        ),
+    }
+}
