@@ -3,7 +3,7 @@
 use crate::support::{Bench, adc_of};
 use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_firmware::watch::{CableView, CableWatch, Persist};
-use mcdpr_firmware::{Brake, Inputs, State};
+use mcdpr_firmware::{Brake, State};
 use mcdpr_protocol::FaultId;
 
 fn healthy(tick: u32) -> CableView {

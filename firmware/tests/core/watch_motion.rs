@@ -1,7 +1,6 @@
 //! The detectors on a board in motion and at rest: what they stop, and in which tick.
 
 use crate::support::{Bench, adc_of};
-use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_firmware::{Brake, Inputs, State};
 use mcdpr_protocol::FaultId;
 
