@@ -72,7 +72,7 @@ pub struct MapPoint {
 pub struct RejectedRow {
     /// Pose, from 1.
     pub pose: usize,
-    /// `encoder`, `tension` or `corner`.
+    /// `encoder`, `tension`, `tilt` or `corner`.
     pub kind: &'static str,
     /// Cable, from 1.
     pub cable: Option<usize>,
@@ -97,6 +97,9 @@ pub struct Further {
     pub camera: Camera,
     /// Results from the equations of equilibrium, if they were used.
     pub statics: Option<Statics>,
+    /// How the inclinometer is turned on the platform, if there was one: rotation vector of
+    /// platform_from_sensor, rad.
+    pub mount_rad: Option<Vector3<f64>>,
 }
 
 /// What was estimated from the equations of equilibrium.
@@ -198,7 +201,7 @@ pub struct Solved {
 impl Answer {
     /// An answer with the values of a state and all other fields empty.
     #[must_use]
-    pub(crate) fn of_state(method: &'static str, state: &State, statics: bool) -> Self {
+    pub(crate) fn of_state(method: &'static str, state: &State, layout: &Layout) -> Self {
         Self {
             method,
             cables: state.cables.clone(),
@@ -210,7 +213,7 @@ impl Answer {
                 drum_scales: (0..state.cables.len()).map(|i| state.scale(i)).collect(),
                 tag_scale: state.tag_scale,
                 camera: state.camera,
-                statics: statics.then(|| Statics {
+                statics: layout.statics.then(|| Statics {
                     mass_kg: state.mass_kg,
                     center_of_mass_m: state.center_of_mass_m,
                     compliance_per_n: state.compliance_per_n,
@@ -220,6 +223,7 @@ impl Answer {
                     zero_n: state.zero_n.clone(),
                     loss: state.loss.clone(),
                 }),
+                mount_rad: layout.tilt.then_some(state.mount_rad),
             }),
             holdout_encoder_m: Vec::new(),
             holdout_covariance_m2: Vec::new(),
@@ -342,6 +346,10 @@ impl Answer {
                        "cx": camera.center_px[0], "cy": camera.center_px[1],
                        "distortion": camera.distortion}),
             );
+            if let Some(mount) = &further.mount_rad {
+                let degrees = <[f64; 3]>::from(*mount).map(f64::to_degrees);
+                set("inclinometer_mount_deg", json!(degrees));
+            }
             if let Some(statics) = &further.statics {
                 set("platform_mass_kg", json!(statics.mass_kg));
                 set("platform_com_mm", json!(mm(&statics.center_of_mass_m)));

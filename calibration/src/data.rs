@@ -107,6 +107,8 @@ pub struct Noise {
     pub corner_px: f64,
     /// Tensions, N; `None` without sensors.
     pub tension_n: Option<f64>,
+    /// Roll and pitch of an inclinometer, rad; `None` without one.
+    pub tilt_rad: Option<f64>,
 }
 
 /// The measurements at one pose.
@@ -118,8 +120,10 @@ pub struct Observation {
     pub tension_n: Option<Vec<f64>>,
     /// The tags seen.
     pub views: Vec<View>,
-    /// Factor on the standard deviations of tensions, corners and equilibrium: above 1 where the
-    /// platform still swung.
+    /// Roll and pitch by an inclinometer on the platform, R = Rz Ry Rx, rad.
+    pub tilt_rad: Option<[f64; 2]>,
+    /// Factor on the standard deviations of tensions, corners, tilt and equilibrium: above 1 where
+    /// the platform still swung.
     pub noise_factor: f64,
 }
 
@@ -146,6 +150,12 @@ impl Data {
         self.at_rest
             && self.noise.tension_n.is_some()
             && self.poses.iter().any(|pose| pose.tension_n.is_some())
+    }
+
+    /// Whether an inclinometer on the platform was read, with known noise.
+    #[must_use]
+    pub(crate) fn has_tilt(&self) -> bool {
+        self.noise.tilt_rad.is_some() && self.poses.iter().any(|pose| pose.tilt_rad.is_some())
     }
 
     /// Takes a calibrated robot's frame as known to half a millimetre.
@@ -187,6 +197,9 @@ impl Data {
                     .collect();
                 let lengths: Vec<_> = pose.encoder_m.iter().map(|l| l.map(|l| l * 1e3)).collect();
                 let mut out = json!({"encoder_dl_mm": lengths, "tension_N": pose.tension_n, "corners_px": corners});
+                if let Some(tilt) = pose.tilt_rad {
+                    out["roll_pitch_deg"] = json!(tilt.map(f64::to_degrees));
+                }
                 if pose.noise_factor > 1.0 {
                     out["noise_factor"] = json!(pose.noise_factor);
                 }
@@ -225,6 +238,9 @@ impl Data {
             "poses_at_rest": self.at_rest,
             "holdout_H_tag_platform": self.holdout.iter().map(matrix_mm).collect::<Vec<_>>(),
         });
+        if let Some(sigma) = self.noise.tilt_rad {
+            out["noise_1sigma"]["tilt_deg"] = json!(sigma.to_degrees());
+        }
         if self.robot.routing_m.iter().any(|l| *l > 0.0) {
             let routing: Vec<_> = self.robot.routing_m.iter().map(|l| l * 1e3).collect();
             out["robot"]["routing_lengths_mm"] = json!(routing);

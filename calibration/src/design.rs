@@ -9,9 +9,10 @@ use super::fit::{Options, model, start};
 use super::normal::{Normal, Scaled};
 use super::predict::{Prediction, predict};
 use super::rows::Model;
+use super::tilt::Attitude;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Pose, Robot};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector3};
 use std::sync::Arc;
 
 /// A question that is asked many times a second during a choice: whether to break it off. What is
@@ -167,6 +168,10 @@ impl Design {
                 encoder_m,
                 tension_n: Some(candidate.tensions_n.clone()),
                 views: candidate.views.clone(),
+                tilt_rad: data.noise.tilt_rad.and_then(|_| {
+                    let seen = Attitude::of(&candidate.pose, Vector3::zeros())?;
+                    Some([seen.rpy_rad[0], seen.rpy_rad[1]])
+                }),
                 noise_factor: 1.0,
             }],
             at_rest: true,

@@ -137,6 +137,7 @@ pub(crate) fn model<'a>(usable: &'a Usable, options: &Options) -> Model<'a> {
         cables: usable.data.cable_count(),
         bodies: usable.data.world_from_body.len(),
         statics: usable.data.has_statics() && !options.without_statics,
+        tilt: usable.data.has_tilt(),
     };
     Model::new(&usable.data, layout, options.scatter)
 }
@@ -186,6 +187,7 @@ pub(crate) fn start(usable: &Usable, layout: &Layout) -> State {
         center_of_mass_m: data.robot.center_of_mass_m,
         loss: vec![0.0; layout.cables],
         zero_n: vec![0.0; layout.cables],
+        mount_rad: nalgebra::Vector3::zeros(),
         poses: usable.start.clone(),
         tensions_n: data
             .poses
@@ -225,7 +227,7 @@ fn answer(
     let mut warnings = usable.warnings.clone();
     judge(data, model, minimum, &rejected, freedom, &mut warnings)?;
     let mean = mean_tension_n(&usable.data);
-    let mut out = Answer::of_state("joint", state, layout.statics);
+    let mut out = Answer::of_state("joint", state, layout);
     let predict_at = |pose: &Pose| predict(state, layout, &minimum.covariance, &mean, pose);
     for (i, pose) in data.holdout.iter().enumerate() {
         let found = predict_at(pose).map_err(|error| {
@@ -308,6 +310,7 @@ fn rejected_row(usable: &Usable, minimum: &Minimum, k: usize, j: usize) -> Rejec
             row.cable = Some(cable + 1);
         }
         Source::Balance(_) => row.kind = "balance",
+        Source::Tilt(_) => row.kind = "tilt",
         Source::Corner(view, corner, _) => {
             row.kind = "corner";
             row.tag = Some(usable.data.tags[usable.data.poses[k].views[view].tag].id);

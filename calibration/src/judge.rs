@@ -84,10 +84,11 @@ fn judge_rejected(
     let second = |source: &Source| matches!(source, Source::Corner(_, _, 1) | Source::Balance(_));
     let all = minimum.sources.iter().flatten();
     let rows = all.filter(|source| !second(source)).count();
-    for kind in ["encoder", "tension", "corner"] {
+    for kind in ["encoder", "tension", "tilt", "corner"] {
         let is = |source: &&Source| match source {
             Source::Encoder(_) => kind == "encoder",
             Source::Tension(_) => kind == "tension",
+            Source::Tilt(_) => kind == "tilt",
             Source::Corner(_, _, axis) => kind == "corner" && *axis == 0,
             Source::Balance(_) => false,
         };
@@ -222,6 +223,7 @@ fn blame(model: &Model<'_>, minimum: &Minimum) -> String {
             match source {
                 Source::Encoder(i) => add(format!("cable {}'s length", i + 1), square),
                 Source::Tension(i) => add(format!("cable {}'s tension", i + 1), square),
+                Source::Tilt(_) => add("the inclinometer".to_owned(), square),
                 Source::Balance(_) => {}
                 Source::Corner(v, ..) => {
                     let tag = model.data.poses[k].views[*v].tag;
@@ -271,6 +273,12 @@ fn name(model: &Model<'_>, index: usize) -> String {
             "the tags' scale",
         ];
         return words[index - layout.scales()].to_owned();
+    }
+    if let (true, Some(axis)) = (layout.tilt, index.checked_sub(layout.mount())) {
+        return format!(
+            "the inclinometer's mounting about {}",
+            ["x", "y", "z"][axis]
+        );
     }
     let own = of(index, layout.zero(0), "tension zero")
         .or_else(|| of(index, layout.soft(0), "own compliance"));

@@ -58,6 +58,7 @@ pub mod space;
 mod stretch;
 pub mod study;
 pub mod target;
+mod tilt;
 mod unknowns;
 mod variance;
 pub mod verify;

@@ -65,6 +65,7 @@ impl Data {
             ));
         }
         let noise = root.get("noise_1sigma")?;
+        let tilted = poses.iter().any(|pose| pose.tilt_rad.is_some());
         Ok(Self {
             id: match value.get("id") {
                 Some(Value::String(id)) => id.clone(),
@@ -77,6 +78,10 @@ impl Data {
                 tension_n: match noise.optional("tension_N") {
                     Some(node) => Some(node.positive()?),
                     None => None,
+                },
+                tilt_rad: match noise.optional("tilt_deg") {
+                    Some(node) => Some(node.positive()?.to_radians()),
+                    None => tilted.then_some(TILT_RAD),
                 },
             },
             world_from_body: bodies,
@@ -292,6 +297,18 @@ pub(super) fn tag(node: &Node<'_>, bodies: usize) -> Read<Tag> {
     })
 }
 
+/// Noise of an inclinometer if none is stated, rad.
+const TILT_RAD: f64 = 8.7e-4;
+
+/// Roll and pitch, rad. A platform that hangs on cables does not stand on edge.
+fn tilt(node: &Node<'_>) -> Read<[f64; 2]> {
+    let degrees = node.numbers::<2>()?;
+    if degrees.iter().any(|d| d.abs() > 80.0) {
+        return Err(node.wrong("must be within 80 degrees: are these radians or another unit?"));
+    }
+    Ok(degrees.map(f64::to_radians))
+}
+
 fn observation(node: &Node<'_>, count: usize, tags: &[Tag]) -> Read<Observation> {
     let list = node.get("encoder_dl_mm")?;
     let encoder_m = list.each(|node| match node.value {
@@ -326,6 +343,10 @@ fn observation(node: &Node<'_>, count: usize, tags: &[Tag]) -> Read<Observation>
         encoder_m,
         tension_n,
         views,
+        tilt_rad: match node.optional("roll_pitch_deg") {
+            None => None,
+            Some(node) => Some(tilt(&node)?),
+        },
         noise_factor: match node.optional("noise_factor") {
             None => 1.0,
             Some(node) => {

@@ -8,6 +8,7 @@
 use super::corner::{Corner, Entry, Places, Poses, put, spread};
 use super::data::Data;
 use super::stretch::encoder_sigmas_m;
+use super::tilt::Attitude;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
 use nalgebra::{Matrix3, Vector3};
@@ -19,6 +20,8 @@ pub enum Source {
     Encoder(usize),
     /// A cable's tension sensor (index of the cable).
     Tension(usize),
+    /// The inclinometer: 0 = roll, 1 = pitch.
+    Tilt(usize),
     /// Equilibrium: force x, y, z, moment x, y, z.
     Balance(usize),
     /// A corner: index into the pose's views, corner, axis (0 = u, 1 = v).
@@ -223,7 +226,42 @@ impl Model<'_> {
             }
             self.balance(state, k, paths, &mut take);
         }
+        self.tilt(state, k, &mut own, &mut shared, &mut take);
         self.corners(state, k, &mut own, &mut shared, &mut take)
+    }
+
+    /// Roll and pitch of an inclinometer on the platform.
+    fn tilt(
+        &self,
+        state: &State,
+        k: usize,
+        own: &mut [f64],
+        shared: &mut Vec<Entry>,
+        take: &mut impl FnMut(&Row<'_>),
+    ) {
+        let seen = &self.data.poses[k];
+        let (true, Some(reading), Some(sigma)) =
+            (self.layout.tilt, seen.tilt_rad, self.data.noise.tilt_rad)
+        else {
+            return;
+        };
+        let Some(attitude) = Attitude::of(&state.poses[k], state.mount_rad) else {
+            return;
+        };
+        let weight = 1.0 / (sigma * seen.noise_factor);
+        for (axis, reading) in reading.iter().enumerate() {
+            own.fill(0.0);
+            put(own, 3, &(attitude.by_turn.row(axis).transpose() * weight));
+            shared.clear();
+            let by_mount = attitude.by_mount.row(axis).transpose() * weight;
+            spread(shared, self.layout.mount(), &by_mount);
+            take(&Row {
+                source: Source::Tilt(axis),
+                residual: (attitude.rpy_rad[axis] - reading) * weight,
+                own,
+                shared,
+            });
+        }
     }
 
     /// The six equations of equilibrium about the platform's origin, world axes.
@@ -428,6 +466,7 @@ mod tests {
         let setup = Setup {
             target: Target::Loose,
             poses: 8,
+            tilt_rad: Some(1e-3),
             silent: Silent {
                 k1: 0.01,
                 ..Silent::default()
@@ -439,6 +478,7 @@ mod tests {
             cables: 4,
             bodies: 3,
             statics: true,
+            tilt: true,
         };
         let model = Model::new(&data, layout, Scatter::default());
         let state = case(&data, &layout);

@@ -17,7 +17,7 @@ use super::plan;
 use super::unknowns::Priors;
 use super::views::{SEEN_PX, views_within};
 use mcdpr_core::random::Random;
-use mcdpr_kinematics::{Pose, Robot};
+use mcdpr_kinematics::{Pose, Robot, rpy_from_rotation};
 use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
 
@@ -60,6 +60,8 @@ pub struct Found {
     pub moment_m: f64,
     /// Loss at the pulleys, either sign, share.
     pub loss: f64,
+    /// Mounting of an inclinometer about each axis, rad: 1.6 degrees.
+    pub mount_rad: f64,
 }
 
 /// The machine as found, its winches calibrated.
@@ -73,6 +75,7 @@ pub(crate) const FOUND: Found = Found {
     force: 4e-3,
     moment_m: 8e-4,
     loss: 0.02,
+    mount_rad: 0.028,
 };
 
 /// What to simulate.
@@ -105,6 +108,8 @@ pub struct Setup {
     pub slip: Option<SimulatedSlip>,
     /// Whether the last pose is the first one again, as `collect` does.
     pub revisit: bool,
+    /// Noise of an inclinometer on the platform, turned by some degrees, rad; `None` without one.
+    pub tilt_rad: Option<f64>,
     /// By how much the stated places of tags and camera are off, each in some direction: m, rad.
     pub start: [f64; 2],
     /// Seed of everything random.
@@ -126,6 +131,7 @@ impl Default for Setup {
             found: false,
             slip: None,
             revisit: false,
+            tilt_rad: None,
             start: [0.0; 2],
             seed: 1,
         }
@@ -337,6 +343,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         encoder_m: setup.encoder_m,
         corner_px: setup.corner_px,
         tension_n: Some(0.1),
+        tilt_rad: setup.tilt_rad,
     };
     // The paper's simulation has the tag in view at every pose of the camera.
     let margin_px = if setup.free_poses {
@@ -397,7 +404,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         let hung = PAPER_SPACE.random(&robot, &mut random);
         holdout.extend(hung.map(|hung| hung.pose));
     }
-    let poses = taken.iter().map(|(pose, ..)| *pose).collect();
+    let taken_poses: Vec<Pose> = taken.iter().map(|(pose, ..)| *pose).collect();
     let count = taken.len().max(1) as f64;
     let stretch = std::array::from_fn(|i| {
         let sum: f64 = taken.iter().map(|(_, tensions, _)| tensions[i]).sum();
@@ -406,6 +413,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     });
     let observed = observe(setup, &machine, &robot, &noise, taken, &mut random)?;
     data.poses = observed.0;
+    read_tilt(setup, &mut data, &taken_poses);
     data.holdout = holdout
         .iter()
         .map(|pose| world_from_body[0].inverse().compose(pose))
@@ -415,7 +423,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         initial_length_m: observed.1,
         world_from_body,
         camera_from_platform,
-        poses,
+        poses: taken_poses,
         holdout,
         drum_scales: machine.drums,
         stretch,
@@ -435,6 +443,17 @@ fn misplace(setup: &Setup, data: &mut Data) {
     if setup.start != [0.0; 2] {
         data.world_from_body.iter_mut().for_each(&mut place);
         place(&mut data.camera_from_platform);
+    }
+}
+
+/// Adds the readings of an inclinometer, with a random generator of its own.
+fn read_tilt(setup: &Setup, data: &mut Data, poses: &[Pose]) {
+    let Some(sigma) = setup.tilt_rad else { return };
+    let mut own = Random::new(setup.seed ^ 0x7469_6c74);
+    let mount = Vector3::from_fn(|_, _| FOUND.mount_rad * own.normal());
+    for (seen, pose) in data.poses.iter_mut().zip(poses) {
+        let [roll, pitch, _] = rpy_from_rotation(&(pose.rotation * Rotation3::new(mount)));
+        seen.tilt_rad = Some([roll, pitch].map(|angle| angle + sigma * own.normal()));
     }
 }
 
@@ -509,6 +528,7 @@ fn observe(
             encoder_m,
             tension_n: (!setup.free_poses).then_some(tension_n),
             views,
+            tilt_rad: None,
             noise_factor: 1.0,
         });
     }

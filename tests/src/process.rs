@@ -45,6 +45,8 @@ pub struct Simulator {
     child: Child,
     /// The serial device that it answers on.
     pub port: String,
+    /// That of its inclinometer, if it has one.
+    pub imu: Option<String>,
 }
 
 impl Simulator {
@@ -70,15 +72,19 @@ impl Simulator {
         command.stderr(Stdio::null());
         let started = command.spawn();
         assert!(started.is_ok(), "{started:?}");
-        let (mut line, mut port) = (String::new(), None);
+        let mut line = String::new();
         let mut child = started.ok();
         if let Some(output) = child.as_mut().and_then(|child| child.stdout.take()) {
             let _ = BufReader::new(output).read_line(&mut line);
-            let document: Option<Value> = serde_json::from_str(&line).ok();
-            port = document.and_then(|document| document["port"].as_str().map(str::to_owned));
         }
-        match (child, port) {
-            (Some(child), Some(port)) => Self { child, port },
+        let document: Value = serde_json::from_str(&line).unwrap_or_default();
+        let named = |key: &str| document[key].as_str().map(str::to_owned);
+        match (child, named("port")) {
+            (Some(child), Some(port)) => Self {
+                child,
+                port,
+                imu: named("imu"),
+            },
             _ => panic!("the simulator said: {line}"),
         }
     }

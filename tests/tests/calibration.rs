@@ -242,6 +242,7 @@ fn f6_poses_of_one_tilt_are_refused() {
                 .collect(),
             tension_n: None,
             views,
+            tilt_rad: None,
             noise_factor: 1.0,
         });
     }

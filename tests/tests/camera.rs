@@ -18,7 +18,12 @@ impl Scene {
     fn new(name: &str, scale: &'static str, more: &[&str]) -> Self {
         let folder = Folder::new(name);
         let pictures = folder.path().join("pictures").display().to_string();
-        let mut words = vec!["--robot", "lab-fast", "--camera", &pictures];
+        // The same robot with an inclinometer.
+        let built_in = include_str!("../../robots/lab-fast.toml");
+        let own = folder.path().join("own.toml");
+        std::fs::write(&own, format!("{built_in}\n[imu]\nkind = \"serial\"\n")).unwrap();
+        let robot = own.display().to_string();
+        let mut words = vec!["--robot", &robot, "--camera", &pictures];
         words.extend(more);
         Self {
             simulator: Simulator::start_with(scale, &words),
@@ -31,7 +36,7 @@ impl Scene {
     fn run(&self, words: &[&str], camera: &str) -> Output {
         let record = self.folder.path().join("run").display().to_string();
         let mut command = mcdpr();
-        command.args(words).args(["--robot", "lab-fast", "--json"]);
+        command.args(words).args(["--robot", "own.toml", "--json"]);
         command.args(["--on", &self.simulator.port, "--time-scale", self.scale]);
         command.args(["--record", &record, "--calibration", "none"]);
         if !camera.is_empty() {
@@ -83,7 +88,8 @@ fn calibration_data_are_collected_on_a_port_by_pictures_of_a_folder() {
             "{}",
             said(&refused)
         );
-        scene.run(&words, &scene.sees())
+        let imu = scene.simulator.imu.as_deref().unwrap();
+        scene.run(&[&words, ["--imu", imu].as_slice()].concat(), &scene.sees())
     });
     let text = std::fs::read_to_string(scene.folder.path().join("data.json")).unwrap();
     let data: Value = serde_json::from_str(&text).unwrap();
@@ -92,7 +98,21 @@ fn calibration_data_are_collected_on_a_port_by_pictures_of_a_folder() {
     for pose in poses {
         let tags = pose["corners_px"].as_object().unwrap();
         assert!(!tags.is_empty(), "{pose}");
+        // Mounted some degrees off on a platform that hangs nearly level.
+        let tilt = pose["roll_pitch_deg"].as_array().unwrap();
+        assert!(
+            tilt.iter()
+                .all(|angle| angle.as_f64().unwrap().abs() < 30.0)
+        );
+        assert_eq!(tilt.len(), 2);
     }
+    assert_eq!(data["noise_1sigma"]["tilt_deg"], 0.05, "{data}");
+    // One that is named and does not exist is no reason to move.
+    let gone = scene.run(
+        &[&words, ["--imu", "/dev/none"].as_slice()].concat(),
+        &scene.sees(),
+    );
+    assert!(said(&gone).contains("/dev/none"), "{}", said(&gone));
     // Picking needs another picture size.
     let refused = scene.run(&["pick"], &scene.sees());
     assert!(said(&refused).contains("640 x 480"), "{}", said(&refused));

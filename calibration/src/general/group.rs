@@ -86,7 +86,7 @@ impl Group {
 
     /// Whether a sensor reads it.
     #[must_use]
-    pub(crate) const fn is_sensor(self) -> bool {
+    pub const fn is_sensor(self) -> bool {
         !matches!(self, Self::Force | Self::Moment)
     }
 }

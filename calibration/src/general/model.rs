@@ -11,10 +11,8 @@ pub use super::group::{GROUPS, Group};
 use super::data::{Sample, Set};
 use super::unknowns::Layout;
 use crate::corner::{Corner, Entry, Places, Poses, put, spread};
-use mcdpr_kinematics::{
-    Cable, Error, GRAVITY_MPS2, Platform, Pose, Robot, angular_velocity_from_rates,
-    rpy_from_rotation,
-};
+use crate::tilt::Attitude;
+use mcdpr_kinematics::{Cable, Error, GRAVITY_MPS2, Platform, Pose, Robot};
 use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -335,22 +333,19 @@ impl Model<'_> {
                 mount[k] += theta[layout.mount_of(slot) + k];
             }
         }
-        let seen = pose.rotation * Rotation3::new(mount);
-        let rpy = rpy_from_rotation(&seen);
-        // At a pitch of 90 degrees roll and yaw are one angle: such a reading has no derivatives.
-        let Some(rates) = angular_velocity_from_rates(rpy).try_inverse() else {
+        let Some(seen) = Attitude::of(pose, mount) else {
             return;
         };
-        let by_mount = rates * pose.rotation.matrix();
+        let (by_turn, by_mount) = (seen.by_turn, seen.by_mount);
         for axis in 0..3 {
             let Some(reading) = sample.rpy_rad[axis] else {
                 continue;
             };
             let mut own = vec![0.0; layout.own()];
-            put(&mut own, 3, &rates.row(axis).transpose());
+            put(&mut own, 3, &by_turn.row(axis).transpose());
             let mut shared = Vec::with_capacity(7);
             spread(&mut shared, layout.mount(), &by_mount.row(axis).transpose());
-            let mut predicted = rpy[axis];
+            let mut predicted = seen.rpy_rad[axis];
             if let Some(slot) = slot {
                 for k in 0..2 {
                     shared.push(Entry::new(layout.mount_of(slot) + k, by_mount[(axis, k)]));

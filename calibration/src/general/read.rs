@@ -219,6 +219,9 @@ impl Set {
                     .as_ref()
                     .map_or_else(|| vec![None; n], |t| t.iter().copied().map(Some).collect()),
                 views: seen.views.clone(),
+                rpy_rad: seen
+                    .tilt_rad
+                    .map_or([None; 3], |[roll, pitch]| [Some(roll), Some(pitch), None]),
                 noise_factor: seen.noise_factor,
                 start: Some(*start),
                 ..Sample::empty(0, number + 1, n)

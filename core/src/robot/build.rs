@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 
 use super::model::{
-    Bus, Cable, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
+    Bus, Cable, Control, DriveKind, Gripper, GripperKind, Imu, LawKind, Limits, Platform, Robot,
     Surroundings, TensionLaw, TensionOutput, Tool, Winch, anchor_box_in_world_m,
 };
 use super::modules::ModuleFiles;
@@ -100,6 +100,7 @@ pub(super) fn build(
         reader,
         file.take_table(key!(ROBOT, "camera"), &schema::CAMERA),
     );
+    let imu = file.take_table(key!(ROBOT, "imu"), &schema::IMU);
     let tag_tables = file.take_tables(key!(ROBOT, "tag"));
     let tags = super::scene::tags(reader, &tag_tables);
 
@@ -134,6 +135,10 @@ pub(super) fn build(
             switch: gripper.switch(key!(GRIPPER, "switch")),
         },
         camera,
+        imu: (imu.text(key!(IMU, "kind")) == "serial").then(|| Imu {
+            noise_rad: imu.number(key!(IMU, "noise_deg")).to_radians(),
+            baud: u32::try_from(imu.whole(key!(IMU, "baud"))).unwrap_or(u32::MAX),
+        }),
         tags,
         surroundings: Surroundings {
             target_m: place_m(key!(SURROUNDINGS, "target_mm")),

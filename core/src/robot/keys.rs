@@ -116,6 +116,12 @@ pub(crate) static ROBOT: Section = Section {
             "the camera on the platform",
         ),
         key(
+            "imu",
+            Kind::Table(&IMU),
+            Follows("no inclinometer"),
+            "inclinometer or inertial unit on the platform",
+        ),
+        key(
             "tag",
             Kind::Tables(&TAG),
             Follows("no tags"),
@@ -386,6 +392,30 @@ pub static GRIPPER: Section = Section {
     ],
 };
 
+/// `[imu]`.
+pub static IMU: Section = Section {
+    title: "[imu]",
+    keys: &[
+        key(
+            "kind",
+            Kind::Word(&["serial", "none"]),
+            Word("none"),
+            "`serial`: lines of roll and pitch on a serial port of its own (`--imu PORT`)",
+        ),
+        positive(
+            "noise_deg",
+            0.05,
+            "standard deviation of a reading at rest, degrees",
+        ),
+        key(
+            "baud",
+            Kind::Whole(1200, 4_000_000),
+            Whole(115_200),
+            "speed of its port, bit/s",
+        ),
+    ],
+};
+
 /// `[camera]`.
 pub static CAMERA: Section = Section {
     title: "[camera]",
@@ -558,7 +588,7 @@ pub static LIMITS: Section = Section {
 };
 
 /// Every section of the file, the file itself first.
-pub(crate) static SECTIONS: [&Section; 14] = [
+pub(crate) static SECTIONS: [&Section; 15] = [
     &ROBOT,
     &PLATFORM,
     &CABLE,
@@ -570,6 +600,7 @@ pub(crate) static SECTIONS: [&Section; 14] = [
     &GRIPPER,
     &CAMERA,
     &CAMERA_FROM_PLATFORM,
+    &IMU,
     &TAG,
     &SURROUNDINGS,
     &LIMITS,

@@ -35,8 +35,9 @@ use std::path::PathBuf;
 pub use error::{Invalid, Problem, RobotError};
 pub use json_schema::json_schema;
 pub use model::{
-    Board, Bus, Cable, Calibrated, Camera, Control, DriveKind, Gear, Gripper, GripperKind, LawKind,
-    Limits, Platform, Robot, Surroundings, Tag, TagPlace, TensionLaw, TensionOutput, Tool, Winch,
+    Board, Bus, Cable, Calibrated, Camera, Control, DriveKind, Gear, Gripper, GripperKind, Imu,
+    LawKind, Limits, Platform, Robot, Surroundings, Tag, TagPlace, TensionLaw, TensionOutput, Tool,
+    Winch,
 };
 pub use modules::{BuiltInModules, ModuleFiles};
 pub use settings::{Change, Setting, changes, settings};

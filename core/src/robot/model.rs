@@ -35,6 +35,9 @@ pub struct Robot {
     pub gripper: Gripper,
     /// The camera on the platform.
     pub camera: Camera,
+    /// Inclinometer or inertial unit on the platform.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub imu: Option<Imu>,
     /// The tags in the scene.
     pub tags: Vec<Tag>,
     /// What lies around the robot.
@@ -449,6 +452,16 @@ fn canonical_lens<S: serde::Serializer>(lens: &Lens, serializer: S) -> Result<S:
         distortion: lens.distortion,
     };
     form.serialize(serializer)
+}
+
+/// An inclinometer or inertial unit on the platform: it measures roll and pitch. How it is turned on the platform is
+/// found by calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Imu {
+    /// Standard deviation of a reading at rest, rad.
+    pub noise_rad: f64,
+    /// Speed of its serial port, bit/s.
+    pub baud: u32,
 }
 
 /// The camera on the platform.

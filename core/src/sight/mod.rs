@@ -58,6 +58,15 @@ pub trait TagSource {
     fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
         Some(self.look())
     }
+
+    /// Roll and pitch of the sensor on the platform since the last call, R = Rz Ry Rx, rad; `None` without such a
+    /// sensor, or if nothing has arrived since.
+    ///
+    /// # Errors
+    /// [`SightError::NoTilt`] if the sensor is gone.
+    fn tilt_rad(&mut self) -> Result<Option<[f64; 2]>, SightError> {
+        Ok(None)
+    }
 }
 
 impl<S: TagSource + ?Sized> TagSource for &mut S {
@@ -67,6 +76,9 @@ impl<S: TagSource + ?Sized> TagSource for &mut S {
     fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
         (**self).poll()
     }
+    fn tilt_rad(&mut self) -> Result<Option<[f64; 2]>, SightError> {
+        (**self).tilt_rad()
+    }
 }
 
 impl<S: TagSource + ?Sized> TagSource for Box<S> {
@@ -75,6 +87,9 @@ impl<S: TagSource + ?Sized> TagSource for Box<S> {
     }
     fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
         (**self).poll()
+    }
+    fn tilt_rad(&mut self) -> Result<Option<[f64; 2]>, SightError> {
+        (**self).tilt_rad()
     }
 }
 
@@ -88,6 +103,19 @@ pub enum SightError {
         help("check the camera's cable and that no other program has it")
     )]
     NoPicture {
+        /// What went wrong.
+        what: String,
+    },
+    /// The inclinometer gives no readings.
+    #[error("the inclinometer: {what}")]
+    #[diagnostic(
+        code(mcdpr::sight::inclinometer),
+        help(
+            "it must send lines such as `1.25 -0.40`, roll and pitch in degrees, at the speed `baud` of [imu]; without \
+             --imu its readings are left out"
+        )
+    )]
+    NoTilt {
         /// What went wrong.
         what: String,
     },

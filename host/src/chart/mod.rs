@@ -16,7 +16,7 @@ mod shapes;
 mod sheets;
 
 pub(crate) use figure::Figure;
-pub(crate) use file::PlotFormat;
+pub(crate) use file::{PlotError, PlotFormat};
 pub(crate) use sheets::sheets_pdf;
 
 use axes::{Frame, Span};

@@ -27,8 +27,8 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
         let firmware = Firmware::find(Some(&self.file))?;
-        let robot = crate::robot::find(&common.robot)?;
-        let model = Model::new(&robot)?;
+        let described = crate::robot::find(&common.robot)?;
+        let model = Model::new(&described)?;
         model.hanging("the emulated chip, which has four modules,")?;
         let mismatch = if self.ideal {
             Mismatch::default()
@@ -45,6 +45,6 @@ impl Cmd {
             .controller(&Controller::Chip(firmware))
             .at_home(&model)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        sim::serve(robot, &[], common, scale, None)
+        sim::serve(&described, robot, &[], common, scale, None)
     }
 }

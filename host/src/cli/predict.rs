@@ -8,6 +8,8 @@ use crate::calibration::general::predict::{Answer, Given, HALF_95, predict};
 use crate::calibration::general::study::{Errors, given};
 use crate::calibration::general::verdict::{verdict, without_moving};
 use crate::calibration::general::{Priors, Set};
+use crate::chart::{PlotError, PlotFormat};
+use crate::report::predict_figure;
 use std::path::PathBuf;
 
 /// Predict the readings that are not given, with 95 % intervals, from a calibration by some sessions
@@ -23,10 +25,17 @@ pub(crate) struct Cmd {
     /// lengths but the last cable's, and its tension
     #[arg(long, value_name = "READING", value_delimiter = ',')]
     given: Vec<String>,
+    /// Draw errors with their intervals, residuals of the calibration by sensor and session, and what the data add to
+    /// each unknown: .svg, .png or .pdf
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
 }
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let plot = self.plot.as_deref();
+        let plot = plot.map(|path| Ok::<_, PlotError>((path, PlotFormat::of(path)?)));
+        let plot = plot.transpose()?;
         let what = format!("data {}", self.data.display());
         let text = crate::files::read_text(&self.data).map_err(Failed::from_error(&what))?;
         let set = Set::from_json(&text)?;
@@ -69,6 +78,12 @@ impl Cmd {
                 Ok(answer) => answers.push(answer),
                 Err(reason) => notes.push(reason),
             }
+        }
+        if let Some((path, kind)) = plot {
+            let named = |group, index| name(group, index, &rest);
+            let figure = predict_figure(&set.id, &found, &rest, &answers, &named);
+            crate::files::write_atomically(path, figure.file(kind)?)
+                .map_err(Failed::from_error("writing the plot"))?;
         }
         if common.json {
             let samples: Vec<_> = answers.iter().map(|answer| json(answer, &rest)).collect();

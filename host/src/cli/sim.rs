@@ -15,6 +15,8 @@ use std::path::PathBuf;
 mod eye;
 #[cfg(unix)]
 mod several;
+#[cfg(unix)]
+mod tilt;
 
 use eye::{Below, Eye};
 
@@ -89,7 +91,8 @@ impl Cmd {
         };
         let eye = self.camera.as_ref();
         let eye = eye.map(|folder| Eye::start(folder, &robot, &link, &below, common.seed));
-        serve(link, &faults, common, scale, eye.transpose()?.as_ref())
+        let eye = eye.transpose()?;
+        serve(&robot, link, &faults, common, scale, eye.as_ref())
     }
 }
 
@@ -98,9 +101,10 @@ impl Cmd {
 const WRITTEN_AT_ONCE: usize = 128;
 
 /// Serves a robot behind a pseudo-terminal, at `scale` simulated seconds per second, with its
-/// camera if it has one.
+/// camera and its inclinometer if it has one.
 #[cfg(unix)]
 pub(super) fn serve(
+    described: &crate::robot::Robot,
     robot: crate::link::SimulatedLink,
     faults: &[Injection],
     common: &Common,
@@ -121,10 +125,19 @@ pub(super) fn serve(
     // Another program must have the device for itself; a plain handle only keeps it open.
     let _keep_alive = std::fs::File::open(&name).map_err(Failed::from_error("opening it"))?;
     drop(device);
+    let mut tilt = tilt::TiltPort::open(described, &robot, common.seed)?;
+    let imu = tilt.as_ref().map(tilt::TiltPort::name);
     if common.json {
-        print_json(&serde_json::json!({ "port": name }))?;
+        let mut ports = serde_json::json!({ "port": name });
+        if let Some(imu) = imu {
+            ports["imu"] = imu.into();
+        }
+        print_json(&ports)?;
     } else {
         say!("{name}");
+        if let Some(imu) = imu {
+            eprintln!("its inclinometer: --imu {imu}");
+        }
         eprintln!("the simulated robot hangs at home; try: mcdpr run paper:table7 --on {name}");
     }
     // A reader that waits for the name must not wait for a full buffer.
@@ -163,6 +176,9 @@ pub(super) fn serve(
         if let Some(eye) = eye {
             eye.look(&robot)?;
         }
+        if let Some(tilt) = &mut tilt {
+            tilt.send(link.now_us())?;
+        }
         // Only now: a byte must not reach the board before it was sent, however late this loop is.
         link.send(buffer.get(..used).unwrap_or_default())
             .map_err(crate::link::ClientError::from)?;
@@ -172,6 +188,7 @@ pub(super) fn serve(
 
 #[cfg(not(unix))]
 pub(super) fn serve(
+    _described: &crate::robot::Robot,
     _robot: crate::link::SimulatedLink,
     _faults: &[Injection],
     _common: &Common,

@@ -5,6 +5,7 @@ mod folder;
 pub(crate) mod html;
 mod plan_plot;
 mod plot;
+mod predict_plot;
 mod robot_plot;
 pub mod tables;
 
@@ -16,6 +17,7 @@ pub(crate) use plan_plot::plan_figure;
 pub use plan_plot::{draw_plan, draw_plan_png};
 pub(crate) use plot::PathTrace;
 pub(crate) use plot::draw_path;
+pub(crate) use predict_plot::predict_figure;
 pub(crate) use robot_plot::draw_robot;
 
 use mcdpr_simulator::TracePoint;

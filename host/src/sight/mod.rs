@@ -4,6 +4,7 @@ mod camera;
 mod pictures;
 mod scene;
 mod simulated;
+mod tilt;
 
 pub use camera::Camera;
 pub(crate) use camera::CameraTags;
@@ -11,3 +12,4 @@ pub use mcdpr_core::sight::*;
 pub use pictures::SceneCamera;
 pub use scene::Scene;
 pub use simulated::SimulatedTags;
+pub use tilt::{SerialTilt, SimulatedTilt, TiltSource, WithTilt};

@@ -3,3 +3,4 @@
 mod high_up;
 mod shaken;
 mod slipping;
+mod tilted;

@@ -95,6 +95,8 @@ pub enum Step {
         averaged: bool,
         /// Tags in view.
         tags: usize,
+        /// Roll and pitch by the inclinometer, rad.
+        tilt_rad: Option<[f64; 2]>,
         /// Expected root mean square position error with the poses so far, m.
         expected_error_m: f64,
     },
@@ -369,6 +371,7 @@ impl<L: Link> Session<'_, L> {
                         swing_m: still.swing_m,
                         averaged: still.averaged,
                         tags: still.tags.len(),
+                        tilt_rad: still.tilt_rad,
                         expected_error_m,
                     });
                 }
@@ -565,6 +568,7 @@ fn observation(home_m: &[f64], still: &Still, views: Vec<View>, factor: f64) -> 
             .collect(),
         tension_n: Some(still.tensions_n.clone()),
         views,
+        tilt_rad: still.tilt_rad,
         noise_factor: factor,
     }
 }

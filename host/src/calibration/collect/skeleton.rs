@@ -131,6 +131,10 @@ impl Sketch {
                 corners_px: *corners_px,
             });
         }
+        if still.tilt_rad.is_some() {
+            let imu = self.robot.imu.as_ref();
+            self.data.noise.tilt_rad = imu.map(|imu| imu.noise_rad);
+        }
         let nominal = self.data.noise.corner_px;
         let factor = (still.sigma_px / nominal).max(1.0);
         let seen = observation(&self.home_m, still, views, factor);
@@ -290,6 +294,7 @@ fn empty(robot: &Robot, hash: u32, (simulated_seed, simulated_machine): Simulate
             encoder_m: ENCODER_M,
             corner_px: still::CORNER_FLOOR_PX * 1.2,
             tension_n: Some(TENSION_N),
+            tilt_rad: None,
         },
         world_from_body: Vec::new(),
         camera_from_platform: robot.camera.camera_from_platform,

@@ -41,6 +41,8 @@ pub struct Still {
     pub tensions_n: Vec<f64>,
     /// The tags that were in every picture.
     pub tags: Vec<MeanTag>,
+    /// Roll and pitch by the inclinometer, rad; `None` without one.
+    pub tilt_rad: Option<[f64; 2]>,
     /// Standard deviation of each mean coordinate, px.
     pub sigma_px: f64,
     /// Amplitude of the swing, m.
@@ -62,6 +64,8 @@ pub struct MeanTag {
 
 struct Window {
     frames: Vec<Vec<TagView>>,
+    /// Roll and pitch beside each picture, rad.
+    tilts_rad: Vec<Option<[f64; 2]>>,
     recorder: Recorder,
 }
 
@@ -157,8 +161,11 @@ fn look<L: Link, S: TagSource>(
 ) -> Result<Window, CollectError> {
     let mut out = Window {
         frames: Vec::new(),
+        tilts_rad: Vec::new(),
         recorder: Recorder::default(),
     };
+    // What was read on the way is not of this pose.
+    source.tilt_rad()?;
     // Samples of the move before are not of this pose.
     while client.next_event().is_some() {}
     let end_us = client.now_us() + (seconds * 1e6) as u64;
@@ -185,6 +192,7 @@ fn look<L: Link, S: TagSource>(
                 .map_err(RunError::from)?;
         };
         out.frames.push(views);
+        out.tilts_rad.push(source.tilt_rad()?);
     }
     Ok(out)
 }
@@ -246,6 +254,20 @@ fn weights(n: usize, window: bool) -> Vec<f64> {
     raw.iter().map(|w| w / sum).collect()
 }
 
+/// Mean of the readings beside the pictures, if most pictures have one.
+fn mean_tilt(tilts_rad: &[Option<[f64; 2]>], frame_weights: &[f64]) -> Option<[f64; 2]> {
+    let pairs = || tilts_rad.iter().zip(frame_weights);
+    let known = pairs().filter_map(|(tilt, weight)| Some(((*tilt)?, weight)));
+    let (mut sum, mut weights) = ([0.0; 2], 0.0);
+    for (tilt, weight) in known {
+        for (slot, angle) in sum.iter_mut().zip(tilt) {
+            *slot += weight * angle;
+        }
+        weights += weight;
+    }
+    (weights > 0.5).then(|| sum.map(|s| s / weights))
+}
+
 fn mean(seen: &Window, ids: &[u32], swing_m: f64, window: bool) -> Still {
     let frame_weights = weights(seen.frames.len(), window);
     let (mut tags, mut variance, mut leak_px) = (Vec::new(), 0.0, 0.0_f64);
@@ -291,6 +313,7 @@ fn mean(seen: &Window, ids: &[u32], swing_m: f64, window: bool) -> Still {
         lengths_m: (0..cables).map(sum).collect(),
         tensions_n: (0..cables).map(pull).collect(),
         tags,
+        tilt_rad: mean_tilt(&seen.tilts_rad, &frame_weights),
         sigma_px: (variance + CORNER_FLOOR_PX.powi(2) + left_px * left_px).sqrt(),
         swing_m,
         averaged: window,
@@ -332,6 +355,7 @@ mod tests {
         for hz in [1.2, 1.7, 2.9] {
             let seen = Window {
                 frames: frames(150, 1.0, hz),
+                tilts_rad: Vec::new(),
                 recorder: Recorder::default(),
             };
             let found = mean(&seen, &[7], 1e-3, true);
@@ -339,6 +363,19 @@ mod tests {
             assert!(off < LEAK, "{hz} Hz: {off}");
             assert!(found.sigma_px > CORNER_FLOOR_PX);
         }
+    }
+
+    #[test]
+    fn the_tilt_is_the_mean_of_what_was_read() {
+        let weights = weights(4, false);
+        let some = [Some([0.1, 0.2]), None, Some([0.3, 0.0]), Some([0.2, 0.1])];
+        let [roll, pitch] = mean_tilt(&some, &weights).unwrap();
+        assert!((roll - 0.2).abs() < 1e-15 && (pitch - 0.1).abs() < 1e-15);
+        // A sensor that stopped during the look.
+        assert_eq!(
+            mean_tilt(&[Some([0.1, 0.2]), None, None, None], &weights),
+            None
+        );
     }
 
     #[test]

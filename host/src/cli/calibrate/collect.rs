@@ -17,7 +17,9 @@ use crate::motion::Model;
 use crate::record::Doing;
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
-use crate::sight::{Scene, SimulatedTags, TagSource};
+use crate::sight::{
+    Scene, SerialTilt, SimulatedTags, SimulatedTilt, TagSource, TiltSource, WithTilt,
+};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
@@ -53,6 +55,10 @@ pub(crate) struct How {
     candidates: usize,
     #[command(flatten)]
     eye: Eye,
+    /// Serial port of the inclinometer on the platform ([imu] of the robot file): it sends lines of roll and pitch in
+    /// degrees
+    #[arg(long, value_name = "PORT")]
+    imu: Option<String>,
     /// Simulator: noise of a corner in one picture, px
     #[arg(long, default_value_t = 0.1, value_name = "PX", value_parser = positive)]
     corner_px: f64,
@@ -135,6 +141,7 @@ impl How {
         if let Some(target) = self.target.target() {
             robot.tags = target::tags(target);
         }
+        self.imu_refused(&robot, common)?;
         let before = self.before(path)?;
         let model = Model::new(&robot)?;
         model.hanging("collecting")?;
@@ -148,7 +155,10 @@ impl How {
                 .at_home(&model)?;
             let scene = Scene::of(&robot, common.seed);
             let tags = SimulatedTags::new(link.clone(), scene, self.corner_px, common.seed);
-            (Some(link), Box::new(tags) as Box<dyn TagSource>)
+            let tilt = robot
+                .imu
+                .map(|imu| SimulatedTilt::new(link.clone(), imu.noise_rad, common.seed));
+            (Some(link), with_tilt(tags, tilt))
         } else {
             let Some(tags) = self.eye.tags(&robot, &common.page)? else {
                 return Err(Failed::from_error("calibrate collect")(format!(
@@ -158,7 +168,9 @@ impl How {
                 ))
                 .into());
             };
-            (None, Box::new(tags) as Box<dyn TagSource>)
+            let port = self.imu.as_ref().zip(robot.imu);
+            let tilt = port.map(|(port, imu)| SerialTilt::open(port, imu.baud));
+            (None, with_tilt(tags, tilt.transpose()?))
         };
         let options = Options {
             poses: self.poses,
@@ -199,6 +211,24 @@ impl How {
         Ok(data)
     }
 
+    /// Refuses an inclinometer where there is none, and tells that one is left out.
+    fn imu_refused(&self, robot: &Robot, common: &Common) -> miette::Result<()> {
+        let given = self.imu.is_some();
+        let reason = if given && common.on == "sim" {
+            "the simulated robot in this process has its own inclinometer; --imu goes with --on PORT"
+        } else if given && robot.imu.is_none() {
+            "this robot file has no inclinometer: add [imu] with kind = \"serial\""
+        } else {
+            if robot.imu.is_some() && !given && common.on != "sim" {
+                eprintln!(
+                    "the inclinometer of this robot ([imu]) is left out: name its port with --imu PORT"
+                );
+            }
+            return Ok(());
+        };
+        Err(Failed::from_error("--imu")(reason).into())
+    }
+
     fn before(&self, path: &Path) -> miette::Result<Option<Data>> {
         if !self.resume {
             return Ok(None);
@@ -206,6 +236,17 @@ impl How {
         let what = format!("calibration data {}", path.display());
         let text = crate::files::read_text(path).map_err(Failed::from_error(&what))?;
         Ok(Some(Data::from_json(&text)?))
+    }
+}
+
+/// The tags, with an inclinometer beside the camera if there is one.
+fn with_tilt<'a>(
+    tags: impl TagSource + 'a,
+    tilt: Option<impl TiltSource + 'a>,
+) -> Box<dyn TagSource + 'a> {
+    match tilt {
+        Some(tilt) => Box::new(WithTilt { tags, tilt }),
+        None => Box::new(tags),
     }
 }
 
@@ -264,9 +305,14 @@ fn print_step(step: &Step) {
             swing_m,
             averaged,
             tags,
+            tilt_rad,
             expected_error_m,
         } => eprintln!(
-            "pose {done} of {wanted}: {tags} tags, swing {:.3} mm{}, expected error {:.2} mm",
+            "pose {done} of {wanted}: {tags} tags, {}swing {:.3} mm{}, expected error {:.2} mm",
+            tilt_rad.map_or(String::new(), |tilt| {
+                let [roll, pitch] = tilt.map(f64::to_degrees);
+                format!("roll {roll:.2}, pitch {pitch:.2} degrees, ")
+            }),
             swing_m * 1e3,
             if *averaged {
                 " (whole periods averaged)"

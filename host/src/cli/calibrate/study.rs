@@ -50,6 +50,9 @@ pub(crate) struct Cmd {
     /// One cable slips by this much at some pose, either way: how often it is named, refused and accepted
     #[arg(long, value_name = "MM", value_parser = not_negative)]
     slip_mm: Option<f64>,
+    /// An inclinometer on the platform, turned by some degrees, with this noise, degrees
+    #[arg(long, value_name = "DEG", value_parser = positive)]
+    inclinometer_deg: Option<f64>,
     /// The last pose is the first one again, as `calibrate collect` does
     #[arg(long)]
     revisit: bool,
@@ -63,6 +66,7 @@ pub(crate) struct Cmd {
     /// tells its place
     #[arg(long, value_enum, value_name = "SENSORS", conflicts_with_all = [
         "target", "corner_px", "anchor_mm", "encoder_mm", "free_poses", "chosen", "drawn", "found", "slip_mm", "revisit",
+        "inclinometer_deg",
         "start_mm", "start_deg", "no_statics", "tag_error", "k1", "drum_error", "ea_n", "loss", "outliers", "write",
     ])]
     sensors: Option<Sensors>,
@@ -131,6 +135,7 @@ impl Cmd {
             drawn: self.drawn || self.found,
             found: self.found,
             slip: self.slip_mm.map(|mm| any_slip(seed, self.poses, mm * 1e-3)),
+            tilt_rad: self.inclinometer_deg.map(f64::to_radians),
             silent: Silent {
                 tag: self.tag_error,
                 k1: self.k1,
