@@ -100,6 +100,7 @@ fn judge_rejected(
             ));
         }
     }
+    judge_cables(minimum, rejected)?;
     if rejected.len() * 5 > rows {
         return refuse(format!(
             "{} of {rows} measurements fit no common robot; {blame}",
@@ -107,6 +108,30 @@ fn judge_rejected(
         ));
     }
     Ok(rows)
+}
+
+/// Refuses where too many lengths of one cable fit no robot: among those of four cables they are few.
+fn judge_cables(minimum: &Minimum, rejected: &[RejectedRow]) -> Result<(), Refusal> {
+    let all = |cable: usize| {
+        let sources = minimum.sources.iter().flatten();
+        sources
+            .filter(|source| **source == Source::Encoder(cable))
+            .count()
+    };
+    for cable in 0..minimum.state.cables.len() {
+        let of = |row: &&RejectedRow| row.kind == "encoder" && row.cable == Some(cable + 1);
+        let (out, all) = (rejected.iter().filter(of).count(), all(cable));
+        if out * 10 > 3 * all {
+            return Err(Refusal::Contradiction {
+                what: format!(
+                    "{out} of {all} lengths of cable {} fit no common robot: look at its drum, its encoder and its \
+                     pulley",
+                    cable + 1
+                ),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Refuses, or warns, where the measurements scatter more than stated.

@@ -5,7 +5,7 @@ use super::error::Refusal;
 use super::normal::{Normal, Reduced, Step, Weights};
 use super::rows::{Model, Source, singles};
 use super::unknowns::{Priors, State};
-use super::variance::{Rows, Widening};
+use super::variance::{Rows, Widening, freedom, of_fisher};
 use mcdpr_kinematics::{Attempt, Damping, Descent};
 use nalgebra::DMatrix;
 
@@ -332,6 +332,9 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
             }
         }
         if settled || round == 9 {
+            // A scatter that comes from the data is itself uncertain.
+            let freedom = freedom(&model, &rows, &weights);
+            let covariance = covariance * freedom.map_or(1.0, of_fisher);
             return Ok(Minimum {
                 state: descent.at,
                 normal: descent.linear,

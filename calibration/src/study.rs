@@ -281,6 +281,18 @@ mod tests {
     }
 
     #[test]
+    fn many_rejected_lengths_of_one_cable_are_no_calibration() {
+        // A slip of 10 mm of cable 3, of whose 21 lengths ten were rejected as outliers.
+        let setup = Setup {
+            slip: Some(any_slip(1045, 20, 1e-2)),
+            revisit: true,
+            ..found(1045)
+        };
+        let end = slip_trial(&setup, &Options::default()).unwrap();
+        assert!(!matches!(end, SlipEnd::Accepted { .. }), "{end:?}");
+    }
+
+    #[test]
     fn a_pulley_entered_with_half_its_radius_is_named_with_the_value_that_the_data_want() {
         for seed in 321..=323 {
             let setup = Setup {

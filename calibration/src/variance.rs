@@ -40,6 +40,40 @@ fn chance(count: f64) -> f64 {
     (1.0 - part + Z * part.sqrt()).powi(3)
 }
 
+/// Direction and block of a balance row: force or moment, level or vertical.
+fn block_of(axis: usize) -> (usize, usize) {
+    (axis / 3, usize::from(axis % 3 == 2))
+}
+
+/// Redundancy of the equations of equilibrium whose scatter the data have widened: the degrees of freedom of that
+/// estimate. `None` where nothing was widened.
+pub(crate) fn freedom(model: &Model<'_>, rows: &Rows, weights: &Weights) -> Option<f64> {
+    let (now, least) = (model.scatter, model.assumed);
+    let now = [now.force_n, now.moment_nm];
+    let least = [least.force_n, least.moment_nm];
+    let mut sum = None;
+    for (k, sources) in rows.sources.iter().enumerate() {
+        for (j, source) in sources.iter().enumerate() {
+            let Source::Balance(axis) = source else {
+                continue;
+            };
+            let (block, direction) = block_of(*axis);
+            if now[block][direction] > least[block][direction] && weights[k][j] > 0.0 {
+                *sum.get_or_insert(0.0) += 1.0 - rows.leverage[k][j];
+            }
+        }
+    }
+    sum
+}
+
+/// Factor on a covariance whose scale was estimated with this many degrees of freedom, so that the 95 % region of
+/// chi-square in space is that of Fisher's distribution, 3 F(3, freedom). Within 0.5 % of the tables from 10 degrees
+/// of freedom on (Abramowitz and Stegun, 1964, table 26.9).
+pub(crate) fn of_fisher(freedom: f64) -> f64 {
+    let f = freedom.max(5.0);
+    1.0 + 3.39 / f + 7.9 / (f * f)
+}
+
 /// What is adapted, and what the data were solved with.
 pub(crate) struct Widening<'a, 'd> {
     /// Its scatter is adapted.
@@ -143,8 +177,7 @@ impl Widening<'_, '_> {
         let assumed = self.model.assumed;
         let all = [assumed.force_n, assumed.moment_nm];
         for (block, direction) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-            let belongs =
-                |axis: usize| axis / 3 == block && usize::from(axis % 3 == 2) == direction;
+            let belongs = |axis: usize| block_of(axis) == (block, direction);
             let (mut squares, mut redundancy) = (0.0, 0.0);
             for (k, sources) in rows.sources.iter().enumerate() {
                 for (j, source) in sources.iter().enumerate() {
@@ -174,5 +207,26 @@ impl Widening<'_, '_> {
             }
         }
         changed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_region_is_that_of_fishers_distribution() {
+        // 3 F(3, n) at 95 % over 7.815, from tables.
+        for (freedom, f) in [
+            (10.0, 3.708),
+            (20.0, 3.098),
+            (30.0, 2.922),
+            (60.0, 2.758),
+            (120.0, 2.680),
+        ] {
+            let right = 3.0 * f / 7.815;
+            assert!((of_fisher(freedom) / right - 1.0).abs() < 5e-3, "{freedom}");
+        }
+        assert!(of_fisher(1e9) < 1.0 + 1e-8);
     }
 }

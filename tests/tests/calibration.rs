@@ -400,3 +400,58 @@ fn a_plan_gets_better_with_every_pose() {
         "{errors:?}"
     );
 }
+
+#[test]
+fn left_out_readings_are_predicted_and_drawn() {
+    use mcdpr::calibration::general::simulate::{Case, simulate};
+    let (set, _) = simulate(&Case::default()).unwrap();
+    let [first, second] = <[String; 2]>::try_from(set.sessions.clone()).unwrap();
+    let path = file("samples.json", &set.to_json().to_string());
+    let plot = file("samples.svg", "");
+    let predict = |more: &[&str]| {
+        mcdpr()
+            .args(["predict", "--json", "--data"])
+            .arg(&path)
+            .args(more)
+            .output()
+            .unwrap()
+    };
+    let drawn = plot.display().to_string();
+    let done = predict(&["--train", &first, "--plot", &drawn]);
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{said}");
+    let answer: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let samples = answer["samples"].as_array().unwrap();
+    assert_eq!(samples.len(), Case::default().samples[1]);
+    let all: Vec<&Value> = samples
+        .iter()
+        .flat_map(|sample| sample["readings"].as_array().unwrap())
+        .collect();
+    let inside = all.iter().filter(|one| one["inside"] == true).count();
+    assert!(inside * 10 > all.len() * 8, "{inside} of {}", all.len());
+    let svg = std::fs::read_to_string(&plot).unwrap();
+    for part in [
+        "length4",
+        "tension1",
+        "95 % interval",
+        "residuals",
+        "cell gain",
+        &second,
+    ] {
+        assert!(svg.contains(part), "{part}");
+    }
+    // What is not understood is refused before the work.
+    let refused = [
+        (["--train", "yesterday"].as_slice(), first.as_str()),
+        (&["--train", &first, "--given", "length9"], "length9"),
+        (&["--train", &first, "--plot", "picture.doc"], ".pdf"),
+    ];
+    for (words, reason) in refused {
+        let output = predict(words);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            !output.status.success() && said.contains(reason),
+            "{words:?}: {said}"
+        );
+    }
+}
