@@ -7,6 +7,7 @@ use super::error::Refusal;
 pub use super::fit::Options;
 use super::fit::{fit, slipped};
 use super::general::slip;
+use super::judge::judge_cables;
 
 fn slips_of(data: &Data, answer: &Answer) -> impl Iterator<Item = String> {
     let slips = slip::in_data(data, answer.solved.as_ref());
@@ -29,6 +30,10 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
         if let Some(refusal) = slipped(&found) {
             return Err(refusal);
         }
+    }
+    // Only now: a slip is the better explanation.
+    judge_cables(data, &answer.rejected)?;
+    if options.closer_looks {
         answer.split = assay::split(data, options, &answer);
         let warning = answer.split.as_ref().and_then(Split::warning);
         answer.warnings.extend(warning);

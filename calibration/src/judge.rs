@@ -100,7 +100,6 @@ fn judge_rejected(
             ));
         }
     }
-    judge_cables(minimum, rejected)?;
     if rejected.len() * 5 > rows {
         return refuse(format!(
             "{} of {rows} measurements fit no common robot; {blame}",
@@ -111,16 +110,14 @@ fn judge_rejected(
 }
 
 /// Refuses where too many lengths of one cable fit no robot: among those of four cables they are few.
-fn judge_cables(minimum: &Minimum, rejected: &[RejectedRow]) -> Result<(), Refusal> {
-    let all = |cable: usize| {
-        let sources = minimum.sources.iter().flatten();
-        sources
-            .filter(|source| **source == Source::Encoder(cable))
-            .count()
-    };
-    for cable in 0..minimum.state.cables.len() {
+pub(crate) fn judge_cables(data: &Data, rejected: &[RejectedRow]) -> Result<(), Refusal> {
+    for cable in 0..data.cable_count() {
         let of = |row: &&RejectedRow| row.kind == "encoder" && row.cable == Some(cable + 1);
-        let (out, all) = (rejected.iter().filter(of).count(), all(cable));
+        let read = data
+            .poses
+            .iter()
+            .filter(|pose| pose.encoder_m[cable].is_some());
+        let (out, all) = (rejected.iter().filter(of).count(), read.count());
         if out * 10 > 3 * all {
             return Err(Refusal::Contradiction {
                 what: format!(
