@@ -393,7 +393,7 @@ pub static GRIPPER: Section = Section {
 };
 
 /// `[imu]`.
-pub static IMU: Section = Section {
+pub(crate) static IMU: Section = Section {
     title: "[imu]",
     keys: &[
         key(

@@ -13,7 +13,7 @@ use crate::machine::{Controller, Mismatch};
 use crate::motion::Model;
 use crate::robot::Robot;
 use crate::run::RunError;
-use crate::sight::{Scene, SimulatedTags};
+use crate::sight::{Scene, SimulatedTags, SimulatedTilt, WithTilt};
 use mcdpr_protocol::SessionId;
 use std::fmt::Display;
 
@@ -39,6 +39,20 @@ pub fn calibrated(
     controller: &Controller,
     kind: Option<&str>,
 ) -> Result<Robot, PickError> {
+    calibrated_by(POSES, robot, seed, controller, kind)
+}
+
+/// As [`calibrated`], by this many poses; with the robot's inclinometer, if it has one.
+///
+/// # Errors
+/// As [`calibrated`].
+pub fn calibrated_by(
+    poses: usize,
+    robot: &Robot,
+    seed: u64,
+    controller: &Controller,
+    kind: Option<&str>,
+) -> Result<Robot, PickError> {
     let failed = |error: &dyn Display| PickError::Calibration {
         reason: error.to_string(),
     };
@@ -53,9 +67,13 @@ pub fn calibrated(
             .controller(controller)
             .at_home(&model)?;
         let scene = Scene::of(&with_board, seed);
-        let mut tags = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
+        let imu = robot.imu;
+        let mut tags = WithTilt {
+            tags: SimulatedTags::new(link.clone(), scene, CORNER_PX, seed),
+            tilt: imu.map(|imu| SimulatedTilt::new(link.clone(), imu.noise_rad, seed)),
+        };
         let options = Options {
-            poses: POSES,
+            poses,
             candidates: CANDIDATES,
             seed: seed.wrapping_add(set * SET_SEED),
             simulated_seed: Some(seed),

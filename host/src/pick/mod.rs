@@ -23,7 +23,7 @@ pub(crate) mod workcell;
 
 pub use arm::Arm;
 pub use budget::{Budget, Uncertainty};
-pub use calibrated::calibrated;
+pub use calibrated::{calibrated, calibrated_by};
 pub use choose::Choice;
 pub use error::PickError;
 pub use mat::{Mat, MatSight};

@@ -12,4 +12,5 @@ pub use mcdpr_core::sight::*;
 pub use pictures::SceneCamera;
 pub use scene::Scene;
 pub use simulated::SimulatedTags;
-pub use tilt::{SerialTilt, SimulatedTilt, TiltSource, WithTilt};
+pub(crate) use tilt::SerialTilt;
+pub use tilt::{SimulatedTilt, TiltSource, WithTilt};

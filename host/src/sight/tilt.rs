@@ -19,6 +19,12 @@ pub trait TiltSource {
     fn read_rad(&mut self) -> Result<Option<[f64; 2]>, SightError>;
 }
 
+impl<T: TiltSource> TiltSource for Option<T> {
+    fn read_rad(&mut self) -> Result<Option<[f64; 2]>, SightError> {
+        self.as_mut().map_or(Ok(None), TiltSource::read_rad)
+    }
+}
+
 /// Tags with an inclinometer beside the camera.
 pub struct WithTilt<S, T> {
     /// The camera.
@@ -111,7 +117,7 @@ struct Arrived {
 
 /// An inclinometer that sends lines of roll and pitch in degrees, `ROLL PITCH` or `ROLL,PITCH,YAW`, on a serial port.
 /// Lines that begin with `#` are comments.
-pub struct SerialTilt {
+pub(crate) struct SerialTilt {
     arrived: Arc<Mutex<Arrived>>,
 }
 
@@ -120,7 +126,7 @@ impl SerialTilt {
     ///
     /// # Errors
     /// [`SightError::NoTilt`] if the port cannot be opened.
-    pub fn open(port: &str, baud: u32) -> Result<Self, SightError> {
+    pub(crate) fn open(port: &str, baud: u32) -> Result<Self, SightError> {
         let opened = serialport::new(port, baud).timeout(WAIT).open();
         let failed = |reason: String| SightError::NoTilt {
             what: format!("{port}: {reason}"),

@@ -17,9 +17,7 @@ use crate::motion::Model;
 use crate::record::Doing;
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
-use crate::sight::{
-    Scene, SerialTilt, SimulatedTags, SimulatedTilt, TagSource, TiltSource, WithTilt,
-};
+use crate::sight::{Scene, SerialTilt, SimulatedTags, SimulatedTilt, TagSource, WithTilt};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
@@ -158,7 +156,10 @@ impl How {
             let tilt = robot
                 .imu
                 .map(|imu| SimulatedTilt::new(link.clone(), imu.noise_rad, common.seed));
-            (Some(link), with_tilt(tags, tilt))
+            (
+                Some(link),
+                Box::new(WithTilt { tags, tilt }) as Box<dyn TagSource>,
+            )
         } else {
             let Some(tags) = self.eye.tags(&robot, &common.page)? else {
                 return Err(Failed::from_error("calibrate collect")(format!(
@@ -170,7 +171,11 @@ impl How {
             };
             let port = self.imu.as_ref().zip(robot.imu);
             let tilt = port.map(|(port, imu)| SerialTilt::open(port, imu.baud));
-            (None, with_tilt(tags, tilt.transpose()?))
+            let tilt = tilt.transpose()?;
+            (
+                None,
+                Box::new(WithTilt { tags, tilt }) as Box<dyn TagSource>,
+            )
         };
         let options = Options {
             poses: self.poses,
@@ -236,17 +241,6 @@ impl How {
         let what = format!("calibration data {}", path.display());
         let text = crate::files::read_text(path).map_err(Failed::from_error(&what))?;
         Ok(Some(Data::from_json(&text)?))
-    }
-}
-
-/// The tags, with an inclinometer beside the camera if there is one.
-fn with_tilt<'a>(
-    tags: impl TagSource + 'a,
-    tilt: Option<impl TiltSource + 'a>,
-) -> Box<dyn TagSource + 'a> {
-    match tilt {
-        Some(tilt) => Box::new(WithTilt { tags, tilt }),
-        None => Box::new(tags),
     }
 }
 

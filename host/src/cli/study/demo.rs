@@ -15,6 +15,9 @@ pub(crate) struct Cmd {
     /// Machines, one per seed
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
+    /// Machines as found: poses of the calibration, home included
+    #[arg(long, default_value_t = 20, value_parser = crate::cli::numbers::whole::<7, 200>)]
+    poses: usize,
 }
 
 /// A figure's name, its key and unit, and its source.
@@ -53,7 +56,7 @@ impl Cmd {
         let mut runs = Vec::new();
         for seed in 1..=self.seeds {
             let figures = if kind == "as-found" {
-                after_calibration(&robot, &task, seed, common)?
+                after_calibration(&robot, &task, seed, self.poses, common)?
             } else {
                 let mismatch = common.mismatch(Mismatch::realistic());
                 let machine = SimulatedRobot::new(mismatch, seed).controller(&common.controller);
@@ -121,9 +124,11 @@ fn after_calibration(
     robot: &Robot,
     task: &Task,
     seed: u64,
+    poses: usize,
     common: &Common,
 ) -> miette::Result<Figures> {
-    let known = crate::pick::calibrated(robot, seed, &common.controller, Some("as-found"))?;
+    let found = Some("as-found");
+    let known = crate::pick::calibrated_by(poses, robot, seed, &common.controller, found)?;
     let model = Model::new(&known)?;
     let machine = SimulatedRobot::new(Mismatch::as_found(), seed)
         .just_calibrated()
