@@ -12,9 +12,8 @@ use mcdpr_kinematics::{
 };
 use nalgebra::Vector3;
 
-/// Margin to the least tension, as a share of the sensor's range: three standard deviations of a load cell's zero in a
-/// session (0.7 %, IRMA4U, University of Bologna). And to the greatest, as a share of it.
-const ZERO_ROOM: f64 = 0.02;
+/// Margin to the tension limits for errors of sensors and pulleys, N, and as a share of the limit.
+const TENSION_ROOM_N: f64 = 0.3;
 const TENSION_ROOM: f64 = 0.05;
 /// Number of varied robots that must stay within the limits as well. If all of them do at a pose, a
 /// machine with workshop tolerances exceeds its limits in one of thousands of cases (tests).
@@ -22,7 +21,7 @@ const BUILDS: usize = 16;
 /// Their errors besides the anchors: mass, the centre of mass per coordinate (m), and the effect of
 /// sensor and pulley on the held tension.
 const MASS: f64 = 0.02;
-const CENTER_OF_MASS_M: f64 = 3e-3;
+const CENTER_OF_MASS_M: f64 = 1e-3;
 const FELT: f64 = 0.03;
 /// Share of the tilt limit that is used.
 const TILT_SHARE: f64 = 0.9;
@@ -187,7 +186,7 @@ impl<'a> Reach<'a> {
                 return false;
             };
             let on_drum = winch.turns_max * std::f64::consts::TAU * winch.drum_radius_m;
-            self.bearable(i, tension) && paid_out <= on_drum
+            self.bearable(tension, self.most_n(i)) && paid_out <= on_drum
         });
         rest.equilibrium.stable
             && inside
@@ -195,14 +194,9 @@ impl<'a> Reach<'a> {
             && cables.all(|ok| ok)
     }
 
-    fn bearable(&self, cable: usize, tension_n: f64) -> bool {
-        let least_n = self.least_n() + self.zero_room_n(cable);
-        (least_n..=self.most_n(cable) * (1.0 - TENSION_ROOM)).contains(&tension_n)
-    }
-
-    fn zero_room_n(&self, cable: usize) -> f64 {
-        let winch = self.model.robot().winch_of(cable);
-        ZERO_ROOM * winch.map_or(0.0, |winch| winch.tension_max_n)
+    fn bearable(&self, tension_n: f64, most_n: f64) -> bool {
+        let least_n = self.model.robot().limits.tension_min_n + TENSION_ROOM_N;
+        (least_n..=most_n * (1.0 - TENSION_ROOM)).contains(&tension_n)
     }
 
     /// Least tension of a cable, N.
@@ -212,7 +206,7 @@ impl<'a> Reach<'a> {
 
     /// Whether a measured tension is nearer to a limit than half of the planning margin.
     pub(super) fn beyond(&self, cable: usize, tension_n: f64) -> bool {
-        let least_n = self.least_n() + 0.5 * self.zero_room_n(cable);
+        let least_n = self.model.robot().limits.tension_min_n + 0.5 * TENSION_ROOM_N;
         let most_n = self.most_n(cable) * (1.0 - 0.5 * TENSION_ROOM);
         !(least_n..=most_n).contains(&tension_n)
     }
@@ -230,7 +224,7 @@ impl<'a> Reach<'a> {
         self.builds.iter().all(|build| {
             self.hung(build, rest).is_some_and(|hung| {
                 let mut pairs = hung.tensions_n.iter().enumerate();
-                pairs.all(|(i, tension)| self.bearable(i, *tension))
+                pairs.all(|(i, tension)| self.bearable(*tension, self.most_n(i)))
             })
         })
     }
