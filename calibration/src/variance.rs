@@ -229,4 +229,26 @@ mod tests {
         }
         assert!(of_fisher(1e9) < 1.0 + 1e-8);
     }
+
+    #[test]
+    fn a_machine_whose_scatter_is_estimated_states_more_and_a_clean_one_does_not() {
+        use super::super::check::usable;
+        use super::super::fit::{Options, model, start};
+        use super::super::simulate::{Setup, simulate};
+        use super::super::solve::solve;
+        for found in [false, true] {
+            let setup = Setup {
+                found,
+                ..Setup::default()
+            };
+            let (data, _) = simulate(&setup).unwrap();
+            let (usable, options) = (usable(&data).unwrap(), Options::default());
+            let model = model(&usable, &options);
+            let minimum = solve(&model, &options.priors, start(&usable, &model.layout)).unwrap();
+            let known = minimum.reduced.covariance().unwrap();
+            let factor = minimum.covariance[(0, 0)] / known[(0, 0)];
+            assert_eq!(found, factor > 1.02, "{factor}");
+            assert!(found || (factor - 1.0).abs() < 1e-12, "{factor}");
+        }
+    }
 }

@@ -370,7 +370,7 @@ fn say_one_tag(robot: &crate::robot::Robot, places: &[TagPlace]) {
     let known = |body: u32| places.iter().any(|place| place.body == body);
     if robot.tags.iter().filter(|tag| known(tag.body)).count() == 1 {
         eprintln!(
-            "by a single tag the tool is known to about 0.8 mm, and a fifth of the motions ends with a fault; the board of \
+            "in simulation a single tag places the tool to 0.8 mm, and a fifth of the runs ended with a fault; the board of \
              tags gives 0.2 mm (`mcdpr calibrate target`)"
         );
     }

@@ -254,18 +254,22 @@ fn weights(n: usize, window: bool) -> Vec<f64> {
     raw.iter().map(|w| w / sum).collect()
 }
 
-/// Mean of the readings beside the pictures, if most pictures have one.
+/// Fewest readings of the inclinometer: it may be slower than the camera.
+const TILTS_MIN: usize = 3;
+
+/// Mean of the readings beside the pictures; a picture may have none.
 fn mean_tilt(tilts_rad: &[Option<[f64; 2]>], frame_weights: &[f64]) -> Option<[f64; 2]> {
     let pairs = || tilts_rad.iter().zip(frame_weights);
     let known = pairs().filter_map(|(tilt, weight)| Some(((*tilt)?, weight)));
-    let (mut sum, mut weights) = ([0.0; 2], 0.0);
+    let (mut sum, mut weights, mut count) = ([0.0; 2], 0.0, 0);
     for (tilt, weight) in known {
         for (slot, angle) in sum.iter_mut().zip(tilt) {
             *slot += weight * angle;
         }
         weights += weight;
+        count += 1;
     }
-    (weights > 0.5).then(|| sum.map(|s| s / weights))
+    (count >= TILTS_MIN).then(|| sum.map(|s| s / weights))
 }
 
 fn mean(seen: &Window, ids: &[u32], swing_m: f64, window: bool) -> Still {
@@ -371,7 +375,12 @@ mod tests {
         let some = [Some([0.1, 0.2]), None, Some([0.3, 0.0]), Some([0.2, 0.1])];
         let [roll, pitch] = mean_tilt(&some, &weights).unwrap();
         assert!((roll - 0.2).abs() < 1e-15 && (pitch - 0.1).abs() < 1e-15);
-        // A sensor that stopped during the look.
+        // A sensor that is slower than the camera, and one that has stopped.
+        let slow: Vec<_> = (0..30)
+            .map(|k| (k % 10 == 9).then_some([0.1, 0.2]))
+            .collect();
+        let [roll, pitch] = mean_tilt(&slow, &super::weights(30, true)).unwrap();
+        assert!((roll - 0.1).abs() < 1e-15 && (pitch - 0.2).abs() < 1e-15);
         assert_eq!(
             mean_tilt(&[Some([0.1, 0.2]), None, None, None], &weights),
             None

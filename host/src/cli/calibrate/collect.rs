@@ -177,6 +177,7 @@ impl How {
                 Box::new(WithTilt { tags, tilt }) as Box<dyn TagSource>,
             )
         };
+        let tilted = robot.imu.is_some() && (simulated || self.imu.is_some());
         let options = Options {
             poses: self.poses,
             candidates: self.candidates,
@@ -203,7 +204,7 @@ impl How {
                 session: Some(record.session),
                 ..options
             };
-            let progress = |step| print_step(&step);
+            let progress = |step| print_step(&step, tilted);
             let keep = |data: &Data| keeper.keep(data);
             let done = collect(&model, line, &mut tags, &options, before, keep, progress);
             // Also if it ended early: the measurements so far are kept.
@@ -290,7 +291,8 @@ impl Keeper {
     }
 }
 
-fn print_step(step: &Step) {
+/// `tilted`: whether an inclinometer is read.
+fn print_step(step: &Step, tilted: bool) {
     match step {
         Step::Going { .. } => {}
         Step::Measured {
@@ -303,10 +305,11 @@ fn print_step(step: &Step) {
             expected_error_m,
         } => eprintln!(
             "pose {done} of {wanted}: {tags} tags, {}swing {:.3} mm{}, expected error {:.2} mm",
-            tilt_rad.map_or(String::new(), |tilt| {
-                let [roll, pitch] = tilt.map(f64::to_degrees);
-                format!("roll {roll:.2}, pitch {pitch:.2} degrees, ")
-            }),
+            match tilt_rad.map(|tilt| tilt.map(f64::to_degrees)) {
+                Some([roll, pitch]) => format!("roll {roll:.2}, pitch {pitch:.2} degrees, "),
+                None if tilted => "the inclinometer sent nothing, ".to_owned(),
+                None => String::new(),
+            },
             swing_m * 1e3,
             if *averaged {
                 " (whole periods averaged)"
