@@ -1,7 +1,8 @@
 //! An inclinometer on the platform: `collect` reads it at every pose, and the calibration finds how it is mounted.
 
-use crate::{options, with_board};
+use crate::{folder, options, run, with_board};
 use mcdpr::calibration::collect::{Step, collect};
+use mcdpr::calibration::general::Set;
 use mcdpr::calibration::{Data, Options as Estimator, joint};
 use mcdpr::experiment::SimulatedRobot;
 use mcdpr::machine::Mismatch;
@@ -60,6 +61,11 @@ fn its_mounting_is_found_and_a_wrong_reading_is_named() {
     assert_eq!(data.noise.tilt_rad, Some(NOISE_RAD));
     // As the file has it.
     let mut data = Data::from_json(&data.to_json().to_string()).unwrap();
+    // The other estimator, which looks for slips, has them too.
+    let set = Set::from_data(&data).unwrap();
+    let [roll, pitch, yaw] = set.samples[1].rpy_rad;
+    assert_eq!([roll, pitch], data.poses[1].tilt_rad.unwrap().map(Some));
+    assert_eq!(yaw, None);
     let answer = joint(&data, &Estimator::default()).unwrap();
     let found = answer.further.as_ref().unwrap().mount_rad.unwrap();
     // About the vertical it shows only where the platform tilts.
@@ -120,4 +126,23 @@ fn one_that_is_unplugged_ends_the_collection() {
             .iter()
             .all(|c| *c)
     }));
+}
+
+#[test]
+fn one_that_cannot_be_meant_is_refused_before_anything_moves() {
+    let folder = folder("imu");
+    let own = folder.join("own.toml");
+    let built_in = include_str!("../../../robots/paper-table5.toml");
+    std::fs::write(&own, format!("{built_in}\n[imu]\nkind = \"serial\"\n")).unwrap();
+    let own = own.display().to_string();
+    let collect = ["calibrate", "collect", "--imu", "/dev/null", "--robot"];
+    let refused = [
+        (vec![own.as_str()], "has its own inclinometer"),
+        (vec!["paper-table5", "--on", "/dev/none"], "no inclinometer"),
+    ];
+    for (words, reason) in refused {
+        let (code, _, said) = run(&folder, &[&collect, words.as_slice()].concat());
+        assert_eq!(code, Some(1), "{words:?}: {said}");
+        assert!(said.contains(reason), "{words:?}: {said}");
+    }
 }
