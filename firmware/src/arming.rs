@@ -244,14 +244,16 @@ impl Oscillation {
     /// Duration, ticks.
     pub(crate) const TICKS: u32 = 12 * QUARTER;
 
-    /// Test motion of a drum, 0.1 µm, for its encoder's resolution. A cable without a floor may be slack, or not on
-    /// its drum yet: then no load holds the gear on one flank, and the motor first turns through the play.
+    /// Test motion of a drum, 0.1 µm, for its encoder's resolution. A cable whose set-point (mN) is under its floor is
+    /// expected to be slack, one without a floor may be, or is not on its drum yet: then no load holds the gear on one
+    /// flank, and the motor first turns through the play.
     #[must_use]
     // Once in the chip's memory, not in each of its callers.
     #[inline(never)]
-    pub(crate) fn amplitude(config: &CableConfig) -> i32 {
+    pub(crate) fn amplitude(config: &CableConfig, setpoint_mn: i32) -> i32 {
         let per_count_q24 = config.per_count_q24;
-        let play = if config.floor_mn == 0 { config.play } else { 0 };
+        let slack = config.floor_mn == 0 || setpoint_mn < config.floor_mn;
+        let play = if slack { config.play } else { 0 };
         // At least 1.6 um: with a finer encoder the motion would vanish in the rounding below.
         let counts = (per_count_q24.abs() * OSCILLATION_COUNTS) >> 24;
         crate::fixed::saturate(counts.clamp(16, OSCILLATION_MOST)) + play
