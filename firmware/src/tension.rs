@@ -31,6 +31,8 @@ pub struct Demand {
     pub planned_acceleration_umps2: i32,
     /// Measured rate of the drum's surface, from the motor, µm/s.
     pub measured_speed_umps: i32,
+    /// Paid-out length, 0.1 µm.
+    pub length: i32,
     /// The robot stops: a cable that was slack is needed soon.
     pub stops: bool,
     /// The measured tension is invalid (S7, S8, S11): it is not used.

@@ -168,6 +168,9 @@ keys! {
         SpeedCornerMhz = 35,
         /// How far the drum turns in its closed brake, 0.1 µm of cable.
         BrakePlay = 36,
+        /// Length of the cable at which the gains of a default law with speed output hold, 0.1 µm; a
+        /// shorter cable is stiffer and gets less in proportion. 0: the same gains at any length.
+        GainLength = 37,
     }
 }
 

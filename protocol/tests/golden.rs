@@ -330,6 +330,7 @@ fn configuration_keys_keep_their_numbers() {
         "Play",
         "SpeedCornerMhz",
         "BrakePlay",
+        "GainLength",
     ];
     let names: Vec<_> = BoardKey::ALL.iter().map(|key| key.name()).collect();
     assert_eq!(names, board);

@@ -108,7 +108,8 @@ fn cable_value(key: CableKey, index: usize, winch: &WinchParams, law: [i32; 5]) 
         | CableKey::TensionOutput
         | CableKey::Play
         | CableKey::SpeedCornerMhz
-        | CableKey::BrakePlay => 0,
+        | CableKey::BrakePlay
+        | CableKey::GainLength => 0,
         CableKey::LengthMax => 20_000_000,
         CableKey::Node => index as i32 + 1,
         CableKey::ReelSpeed => 5000,

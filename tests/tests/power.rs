@@ -518,6 +518,16 @@ fn p2_the_study_has_all_kinds_and_accepts_none_wrongly() {
     }
 }
 
+/// When only the board's supply fails, drives go on with their last command. Behind a gear of 371:1 a current limit of
+/// 2 A drags drums through their closed brakes, and cables go slack: seeds 150007 and 150012.
+#[test]
+fn p2_drives_that_outlive_their_board_do_not_overcome_closed_brakes() {
+    let words = ["--undisturbed", "--runs", "6", "--seed", "150007"];
+    let document = study(&[&words[..], &["--robot", "paper-geared"]].concat());
+    assert_eq!(document["refused_wrongly"], 0.0, "{document}");
+    assert_eq!(document["accepted_wrongly"], 0, "{document}");
+}
+
 #[test]
 fn p2_lengths_that_agree_with_a_tag_by_chance_are_not_believed_beyond_it() {
     // In both cases all lengths are off in the direction of the tag's error. Fused, they were accepted with an

@@ -217,7 +217,8 @@ fn cable(
     put(CableKey::TensionOutput, f64::from(u8::from(tells_speed)))?;
     put(CableKey::Play, winch.play_m() * 1e7)?;
     put(CableKey::SpeedCornerMhz, law.corner_hz * 1e3)?;
-    put(CableKey::BrakePlay, winch.brake_play_m * 1e7)
+    put(CableKey::BrakePlay, winch.brake_play_m * 1e7)?;
+    put(CableKey::GainLength, law.gain_length_m * 1e7)
 }
 
 /// Speed at which a slack cable is reeled in, m/s. A drum that is stopped by its cable gives it an

@@ -441,6 +441,7 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
         damping_ns_per_m: table.number(key!(TENSION, "damping_ns_per_m")),
         filter_hz: table.number(key!(TENSION, "filter_hz")),
         corner_hz: table.number(key!(TENSION, "corner_hz")),
+        gain_length_m: table.number(key!(TENSION, "gain_length_mm")) * 1e-3,
         hold_braked: table.text(key!(TENSION, "hold_brakes")) == "closed",
         floor_n: table.number(key!(TENSION, "floor_n")),
         ceiling_n: table

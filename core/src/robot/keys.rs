@@ -331,6 +331,11 @@ pub static TENSION: Section = Section {
             0.0,
             "corner of the low-pass on the default law's speed, with `output = \"velocity\"`, Hz; 0 switches it off",
         ),
+        non_negative(
+            "gain_length_mm",
+            0.0,
+            "cable length at which kp, kd and ki hold, with `output = \"velocity\"`; a shorter cable is stiffer and gets less in proportion; 0: the same gains at any length",
+        ),
         key(
             "hold_brakes",
             Kind::Word(&["open", "closed"]),

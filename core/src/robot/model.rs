@@ -359,6 +359,9 @@ pub struct TensionLaw {
     pub filter_hz: f64,
     /// Corner of the low-pass on the default law's speed, Hz; 0 is none.
     pub corner_hz: f64,
+    /// Length at which the gains of a default law that commands a speed hold, m; a shorter cable gets
+    /// less in proportion; 0: the same gains at any length.
+    pub gain_length_m: f64,
     /// Whether the brakes close under torque while the robot holds.
     pub hold_braked: bool,
     /// Least tension that a plan may ask, N.

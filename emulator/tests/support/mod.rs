@@ -240,7 +240,8 @@ fn entries() -> Vec<ConfigEntry> {
                 | CableKey::TensionOutput
                 | CableKey::Play
                 | CableKey::SpeedCornerMhz
-                | CableKey::BrakePlay => 0,
+                | CableKey::BrakePlay
+                | CableKey::GainLength => 0,
                 CableKey::LengthMax => 200_000_000,
                 CableKey::Node => i32::from(index) + 1,
             };

@@ -347,6 +347,11 @@ impl<const N: usize> ConfigStore<N> {
             0 => 1 << 16,
             corner_mhz => alpha_q16_of(i64::from(corner_mhz)),
         };
+        // Example: 62,500,000 for 0.45 m.
+        let gain_per_length_q48 = match key(CableKey::GainLength, 0, 2_000_000_000)? {
+            0 => 0,
+            length => saturate(division(1 << 48, i64::from(length.max(LEAST_GAIN_LENGTH)))),
+        };
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
         // um/s are 0.01 of 0.1 um per ms; one and a half of that is 15 / 1000.
@@ -415,6 +420,7 @@ impl<const N: usize> ConfigStore<N> {
             damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
             filter_alpha_q16: saturate(alpha_q16),
             corner_alpha_q16: saturate(corner_alpha_q16),
+            gain_per_length_q48,
             friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
             mass_g,
             play: key(CableKey::Play, 0, MOST_PLAY)?,
@@ -457,6 +463,9 @@ const fn alpha_q16_of(corner_mhz: i64) -> i64 {
 /// Greatest play between motor and drum, and of a brake, 0.1 µm.
 // 2 mm each: with both, the brakes' test takes 3.2 s longer.
 const MOST_PLAY: i32 = 20_000;
+/// Least length for which gains of a speed law may be given, 0.1 µm.
+// 20 mm: 2^48 over it still fits 31 bits.
+const LEAST_GAIN_LENGTH: i32 = 200_000;
 
 /// Hashes the values that are present, of keys at these indices.
 fn hash<K: Copy, const M: usize>(

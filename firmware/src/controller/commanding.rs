@@ -1,6 +1,7 @@
 //! Demands to drives and brakes, from the targets and the state.
 
 use super::{Axis, Control, Controller, Inputs, Phase, State, concerns, is_plausible};
+use crate::config::TensionLaw;
 use crate::io::{Brake, DriveDemand};
 use crate::tension::Demand;
 
@@ -76,13 +77,19 @@ impl<const N: usize> Controller<N> {
                     }
                 }
                 (Control::Tension, true) => {
-                    let blind = cable.blind || !is_plausible(adc);
+                    // A law that commands a speed would take back arming's test motion, which is a step of the
+                    // tension: while its own drum is tested, it follows the plan alone.
+                    let tested = config.commands_speed()
+                        && config.law == TensionLaw::Default
+                        && phase == Phase::Oscillating(number.wrapping_sub(1));
+                    let blind = cable.blind || !is_plausible(adc) || tested;
                     let measured = Demand {
                         setpoint_mn: cable.setpoint_mn,
                         measured_mn: cable.tension_mn,
                         planned_speed_umps: cable.target.speed_umps,
                         planned_acceleration_umps2: cable.target.acceleration_umps2,
                         measured_speed_umps: cable.speed_umps,
+                        length: cable.length,
                         stops: self.state == State::Stopping,
                         blind,
                     };

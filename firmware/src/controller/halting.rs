@@ -113,10 +113,10 @@ impl<const N: usize> Controller<N> {
         else {
             return;
         };
-        let amplitude = Oscillation::amplitude(config, cable.setpoint_mn);
+        let motion = Oscillation::amplitude(config, cable.setpoint_mn);
         // Observed first: the displacement belongs to the set-points of the ticks before.
         self.oscillation.observe(cable.by_motor, cable.length);
-        cable.target = self.oscillation.step(amplitude, cable.target.length);
+        cable.target = self.oscillation.step(motion, cable.target.length);
     }
 
     fn judge_oscillation(&mut self, number: u8) {
@@ -135,7 +135,7 @@ impl<const N: usize> Controller<N> {
         };
         // The paper's law does not use the planned motion: its drum cannot be tested by moving.
         let can_oscillate = config.control == Control::Length || config.law == TensionLaw::Default;
-        let amplitude = Oscillation::amplitude(config, cable.setpoint_mn);
+        let (amplitude, _) = Oscillation::amplitude(config, cable.setpoint_mn);
         if let (true, Err(found)) = (can_oscillate, oscillation.verdict(amplitude)) {
             self.trip(found.fault, number + 1, found.value, found.limit);
         }

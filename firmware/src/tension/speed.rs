@@ -129,6 +129,7 @@ impl TensionLoop {
         // cables ring.
         let most = i64::from(config.max_speed_umps);
         let answer = saturate(answer.clamp(-most, most));
+        let answer = gained(config, answer, demand.length);
         let answer = self.speed.answer.update(answer, config.corner_alpha_q16);
         demand.planned_speed_umps.saturating_sub(answer)
     }
@@ -159,4 +160,15 @@ impl TensionLoop {
         let rpm = crate::fixed::saturate_i16(whole.clamp(-most, most));
         if config.motor_reversed { -rpm } else { rpm }
     }
+}
+
+/// The law's answer for a cable of this length, 0.1 µm. Its stiffness is inverse to its length: with the same gains a
+/// short cable would swing up, in motion, where no static friction damps it.
+fn gained(config: &CableConfig, answer: i32, length: i32) -> i32 {
+    if config.gain_per_length_q48 == 0 {
+        return answer;
+    }
+    let share_q16 = mul_q32(length, i64::from(config.gain_per_length_q48));
+    // At least an eighth: a wrong length must not take the loop away.
+    mul_q32(answer, i64::from(share_q16.clamp(1 << 13, 1 << 16)) << 16)
 }

@@ -116,7 +116,8 @@ pub fn entries() -> Vec<ConfigEntry> {
                 CableKey::TensionOutput
                 | CableKey::Play
                 | CableKey::SpeedCornerMhz
-                | CableKey::BrakePlay => 0,
+                | CableKey::BrakePlay
+                | CableKey::GainLength => 0,
             };
             all.push(ConfigEntry {
                 key: ConfigKey::cable(index, key),

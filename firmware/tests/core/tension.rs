@@ -110,6 +110,7 @@ fn recorded(rng: &mut Rng, tick: u32, last: &Demand) -> Demand {
     let measured = last.measured_mn + rng.between(-150, 150) as i32;
     let jump = tick.is_multiple_of(700);
     Demand {
+        length: 4_500_000,
         setpoint_mn: 10_000 + (tick / 1000 * 500) as i32,
         measured_mn: if jump {
             rng.between(4000, 16_000) as i32
@@ -403,6 +404,7 @@ fn nothing_overflows_at_the_ends_of_every_range() {
     for tick in 0..5000 {
         let high = tick % 2 == 0;
         let demand = Demand {
+            length: 4_500_000,
             setpoint_mn: if high { 10_000_000 } else { 0 },
             measured_mn: rng.between(-33_000_000, 33_000_000) as i32,
             planned_speed_umps: if high { i32::MAX } else { i32::MIN },
@@ -475,6 +477,31 @@ fn a_drum_at_rest_is_left_alone_within_its_band_and_only_there() {
     }
     let speed = law.update_speed(&config, &demand);
     assert!((speed + 2_000).abs() < 200, "{speed}");
+}
+
+#[test]
+fn a_shorter_cable_gets_less_gain_and_a_longer_one_no_more() {
+    // Given at 0.45 m: 2^48 over 4,500,000.
+    let config = CableConfig {
+        gain_per_length_q48: 62_549_994,
+        ..speed_config(&DEFAULT)
+    };
+    let speed_at = |length_m: f64| {
+        let mut law = TensionLoop::at(10_000);
+        let demand = Demand {
+            setpoint_mn: 10_000,
+            measured_mn: 12_000,
+            length: (length_m * 1e7) as i32,
+            ..Demand::default()
+        };
+        f64::from(law.update_speed(&config, &demand))
+    };
+    let full = speed_at(0.45);
+    assert!(full > 0.0);
+    for (length_m, share) in [(0.3, 2.0 / 3.0), (0.225, 0.5), (0.9, 1.0), (0.0, 0.125)] {
+        let got = speed_at(length_m) / full;
+        assert!((got - share).abs() < 1e-3, "{length_m} m: {got}");
+    }
 }
 
 #[test]
