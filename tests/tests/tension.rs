@@ -182,15 +182,23 @@ fn two_cables_of_eight_are_held_by_tension_at_once() {
     link.with(|s| s.plant_mut().set_load([0.0; 3], [0.0; 3], [0.0; 3]))
         .unwrap();
     pump(1.5);
-    link.with(Simulation::record_truth);
-    pump(1.0);
-    let trace = link.with(Simulation::take_trace);
+    // Seconds one after another: the mean of a single one is off by what the sensors' noise left of the integral.
+    let mut errors = [const { Vec::new() }; 2];
+    for _ in 0..9 {
+        link.with(Simulation::record_truth);
+        pump(1.0);
+        let trace = link.with(Simulation::take_trace);
+        for (errors, cable) in errors.iter_mut().zip([6, 7]) {
+            let sum: f64 = trace.iter().map(|p| p.truth.tensions_winch_n[cable]).sum();
+            errors.push((sum / trace.len() as f64 - tensions[cable]).abs());
+        }
+    }
     assert_eq!(run::status(&mut client).unwrap().fault, None);
-    for cable in [6, 7] {
-        let sum: f64 = trace.iter().map(|p| p.truth.tensions_winch_n[cable]).sum();
-        let mean = sum / trace.len() as f64;
-        let error = mean - tensions[cable];
-        assert!(error.abs() < 0.1, "cable {}: {error} N", cable + 1);
+    for (errors, cable) in errors.iter_mut().zip([7, 8]) {
+        errors.sort_by(f64::total_cmp);
+        println!("cable {cable}: {errors:?}");
+        assert!(errors[4] < 0.1, "cable {cable}: {errors:?} N");
+        assert!(errors[8] < 0.2, "cable {cable}: {errors:?} N");
     }
 }
 
