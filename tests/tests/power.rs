@@ -519,7 +519,7 @@ fn p2_the_study_has_all_kinds_and_accepts_none_wrongly() {
 }
 
 /// When only the board's supply fails, drives go on with their last command. Behind a gear of 371:1 a current limit of
-/// 2 A drags drums through their closed brakes, and cables go slack: seeds 150007 and 150012.
+/// 2 A leaves slack cables: seeds 150007 and 150012.
 #[test]
 fn p2_drives_that_outlive_their_board_do_not_overcome_closed_brakes() {
     let words = ["--undisturbed", "--runs", "6", "--seed", "150007"];

@@ -182,7 +182,7 @@ fn two_cables_of_eight_are_held_by_tension_at_once() {
     link.with(|s| s.plant_mut().set_load([0.0; 3], [0.0; 3], [0.0; 3]))
         .unwrap();
     pump(1.5);
-    // Seconds one after another: the mean of a single one is off by what the sensors' noise left of the integral.
+    // Seconds one after another: one of them, with what is left of the pull, may be off by more.
     let mut errors = [const { Vec::new() }; 2];
     for _ in 0..9 {
         link.with(Simulation::record_truth);

@@ -80,67 +80,41 @@ fn commissioning_finds_friction_and_play_of_a_geared_winch() {
     );
 }
 
-/// Without a load nothing holds the gear on one flank: the motor turns through the play before the drum answers.
-#[test]
-fn s2_a_bare_drum_behind_play_is_spooled() {
-    let folder = Folder::new("spool-geared");
-    let words = [
-        "rig",
-        "spool",
-        "2",
-        "-50",
-        "--yes",
-        "--robot",
-        "paper-geared",
-    ];
-    let output = run(&folder, &words);
+fn succeeds(folder: &Folder, words: &[&str]) {
+    let output = run(folder, words);
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{errors}");
+    assert!(output.status.success(), "{words:?}: {errors}");
 }
 
-/// The same for cables that are on, but slack: their set-points are zero.
+/// Without a load nothing holds the gear on one flank: the motor turns through the play before the drum answers. The
+/// same holds for cables that are on, but slack.
 #[test]
-fn s2_cables_behind_play_are_attached_tensioned_and_let_down() {
+fn s2_cables_behind_play_are_spooled_attached_tensioned_and_let_down() {
     let folder = Folder::new("rig-geared");
     for step in [
-        &["attach", "1"][..],
+        &["spool", "2", "-50"][..],
+        &["attach", "1"],
         &["attach", "4"],
         &["tension"],
         &["lower"],
     ] {
         let words = [&["rig"], step, &["--yes", "--robot", "paper-geared"]].concat();
-        let output = run(&folder, &words);
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{step:?}: {errors}");
+        succeeds(&folder, &words);
     }
 }
 
-/// Seeds 8 and 12 have the stiffest cables of the first twenty machines as found. In motion, and with a short cable,
-/// gains that do not know its length swing up there: C2 with 14 N, by the predicted rise.
+/// Cables of machines as found are up to 1.5 times as stiff as stated. With a fifth more than the file's gains seed 12
+/// still collects; without `gain_length_mm` it swings up in motion, with a short cable, and ends with C2.
 #[test]
 fn c2_a_cable_stiffer_than_stated_does_not_swing_up_while_poses_are_collected() {
     let folder = Folder::new("stiff-geared");
-    for seed in ["8", "12"] {
-        let words = [
-            "calibrate",
-            "all",
-            "--machine",
-            "as-found",
-            "--robot",
-            "paper-geared",
-            "--seed",
-            seed,
-            "--target",
-            "board",
-            "--poses",
-            "20",
-            "--candidates",
-            "100",
-        ];
-        let output = run(&folder, &words);
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "seed {seed}: {errors}");
-    }
+    let more = robot_text()
+        .replace("kp = 4.0 ", "kp = 4.8 ")
+        .replace("kd = 0.0133", "kd = 0.016");
+    assert!(more.contains("kp = 4.8 ") && more.contains("kd = 0.016 "));
+    std::fs::write(folder.path().join("more.toml"), more).unwrap();
+    let found = "calibrate all --machine as-found --robot more.toml --target board --poses 20 --candidates 100 --seed 12";
+    succeeds(&folder, &found.split(' ').collect::<Vec<_>>());
 }
 
 #[test]
