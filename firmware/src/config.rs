@@ -160,8 +160,8 @@ pub struct CableConfig {
     pub filter_alpha_q16: i32,
     /// Share of a new speed in the low-pass behind a law with speed output, 16 fractional bits.
     pub corner_alpha_q16: i32,
-    /// Share of a speed law's gains per length, 1 / 0.1 µm with 48 fractional bits; 0: all of them at any length.
-    pub gain_per_length_q48: i32,
+    /// Share of a speed law's gains per length, 1 / 0.1 µm with 40 fractional bits; 0: all of them at any length.
+    pub gain_per_length_q40: i32,
     /// Coulomb friction, mN.
     pub friction_mn: i32,
     /// Effective mass, g.
@@ -236,7 +236,7 @@ impl CableConfig {
         damping_mns_per_m: 0,
         filter_alpha_q16: 0,
         corner_alpha_q16: 0,
-        gain_per_length_q48: 0,
+        gain_per_length_q40: 0,
         friction_mn: 0,
         mass_g: 0,
         play: 0,

@@ -63,7 +63,7 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         damping_mns_per_m: 0,
         filter_alpha_q16: 1,
         corner_alpha_q16: 0,
-        gain_per_length_q48: 0,
+        gain_per_length_q40: 0,
         friction_mn: 0,
         mass_g: 0,
         most_force_mn: 1,

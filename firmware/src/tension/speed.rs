@@ -165,10 +165,10 @@ impl TensionLoop {
 /// The law's answer for a cable of this length, 0.1 µm. Its stiffness is inverse to its length: with the same gains a
 /// short cable would swing up, in motion, where no static friction damps it.
 fn gained(config: &CableConfig, answer: i32, length: i32) -> i32 {
-    if config.gain_per_length_q48 == 0 {
+    if config.gain_per_length_q40 == 0 {
         return answer;
     }
-    let share_q16 = mul_q32(length, i64::from(config.gain_per_length_q48));
+    let share_q16 = mul_q32(length, i64::from(config.gain_per_length_q40) << 8);
     // At least an eighth: a wrong length must not take the loop away.
     mul_q32(answer, i64::from(share_q16.clamp(1 << 13, 1 << 16)) << 16)
 }
