@@ -317,12 +317,13 @@ impl Oscillation {
         // answer.
         let least = amplitude / 4;
         // The motor first: behind a motor that stands, the drum's stillness says nothing about its
-        // encoder.
+        // encoder. Nor does it behind one that moved by less than an encoder count and a half, as a law that commands
+        // a current does against stiff cables: such a drum is compared with its motor in motion.
         let (fault, moved) = if motor.abs() < least {
             (FaultId::B1, motor)
         } else if along < -least {
             (FaultId::S4, drum)
-        } else if along < least {
+        } else if along < least && motor.abs() >= amplitude - least {
             (FaultId::S2, drum)
         } else {
             return Ok(());
@@ -414,4 +415,31 @@ fn check_floors<const N: usize>(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The verdict on a motor that went as far as this, and its drum, 0.1 µm; an encoder count is 307.
+    fn verdict(motor: i32, drum: i32) -> Option<FaultId> {
+        let mut motion = Oscillation::default();
+        motion.observe(0, 0);
+        motion.observe(motor, drum);
+        motion.observe(0, 0);
+        motion.verdict(614).err().map(|found| found.fault)
+    }
+
+    #[test]
+    fn s2_a_drum_that_stands_is_judged_only_behind_a_motor_that_moved_beyond_its_encoders_count() {
+        for away in [1, -1] {
+            assert_eq!(verdict(100 * away, 0), Some(FaultId::B1));
+            // Against stiff cables: within a count the drum may show nothing.
+            assert_eq!(verdict(300 * away, 0), None);
+            assert_eq!(verdict(300 * away, -307 * away), Some(FaultId::S4));
+            assert_eq!(verdict(470 * away, 0), Some(FaultId::S2));
+            assert_eq!(verdict(614 * away, 0), Some(FaultId::S2));
+            assert_eq!(verdict(614 * away, 307 * away), None);
+        }
+    }
 }

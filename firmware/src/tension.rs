@@ -233,13 +233,26 @@ fn pd(config: &CableConfig, error_q16: i64, slope_mnps: i32) -> i64 {
     ((proportional + half(16)) >> 16) - derivative
 }
 
+/// Speed at which a slack cable is reeled in, or one that is too tight paid out, µm/s: its reel speed on top of a
+/// planned motion in the same direction. Reeled in more slowly than planned, a slack cable would become slacker.
+// Once in the chip's memory, not in each of its callers.
+#[inline(never)]
+fn lead_speed(config: &CableConfig, demand: &Demand, slack: bool) -> i32 {
+    let (planned, reel) = (demand.planned_speed_umps, config.reel_speed_umps);
+    if slack {
+        planned.min(0).saturating_sub(reel)
+    } else {
+        planned.max(0).saturating_add(reel)
+    }
+}
+
 /// Force that drives a drum at the cable's reel speed: balances tension and friction, and corrects
 /// the speed.
 fn lead(config: &CableConfig, demand: &Demand, tension_mn: i32, slack: bool) -> i64 {
     // Lengths grow as the cable pays out: reeling in is a negative speed.
     let sign = if slack { -1 } else { 1 };
-    let wanted = sign * i64::from(config.reel_speed_umps);
-    let too_fast = i64::from(demand.measured_speed_umps) - wanted;
+    let wanted = lead_speed(config, demand, slack);
+    let too_fast = i64::from(demand.measured_speed_umps) - i64::from(wanted);
     // Tension and friction are balanced, so only the speed's error accelerates the drum.
     i64::from(tension_mn) - sign * i64::from(config.friction_mn)
         + quotient::<1_000_000>(i64::from(config.damping_mns_per_m) * too_fast)

@@ -5,7 +5,7 @@
 //! speed. Gains are then speeds per tension, mm/s per N and N/s; where the drum pays out with the
 //! plan, the error contains only what the plan does not include.
 
-use super::{Demand, TensionLoop, pd, recovered};
+use super::{Demand, TensionLoop, lead_speed, pd, recovered};
 use crate::config::{CableConfig, TensionLaw};
 use crate::fixed::{LowPass, half, mul_q32, saturate};
 
@@ -93,11 +93,7 @@ impl TensionLoop {
             self.speed.rests = false;
             // The low-pass must not carry the last correction into the tight cable.
             self.speed.answer = LowPass::at(0);
-            return if slack {
-                -config.reel_speed_umps
-            } else {
-                config.reel_speed_umps
-            };
+            return lead_speed(config, demand, slack);
         }
         if self.led {
             self.led = false;

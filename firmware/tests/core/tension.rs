@@ -196,6 +196,38 @@ fn a_slack_cable_is_reeled_in_at_the_reel_speed_and_comes_back_on_a_ramp() {
 }
 
 #[test]
+fn a_slack_cable_is_reeled_in_faster_than_its_plan_and_a_tight_one_paid_out_faster() {
+    // Each planned speed, um/s, and the speeds wanted of a slack and of a tight cable: its reel speed is 10 mm/s.
+    for (planned_speed_umps, slack_umps, tight_umps) in [
+        (-26_000, -36_000, 10_000),
+        (0, -10_000, 10_000),
+        (26_000, -10_000, 36_000),
+    ] {
+        for (measured_mn, wanted_umps) in [(0, slack_umps), (36_000, tight_umps)] {
+            let mut demand = Demand {
+                setpoint_mn: 10_000,
+                measured_mn,
+                planned_speed_umps,
+                ..Demand::default()
+            };
+            let config = speed_config(&DEFAULT);
+            let fast = CableConfig {
+                max_speed_umps: 100_000,
+                ..config
+            };
+            let mut law = TensionLoop::at(measured_mn);
+            assert_eq!(law.update_speed(&fast, &demand), wanted_umps);
+            // By current: at the wanted speed only tension and friction are left, 0.5 N against the motion.
+            demand.measured_speed_umps = wanted_umps;
+            let mut law = TensionLoop::at(measured_mn);
+            let force_mn = -50 * law.update(&self::config(&DEFAULT), &demand);
+            let friction_mn = if measured_mn == 0 { 500 } else { -500 };
+            assert_eq!(force_mn, measured_mn + friction_mn, "{planned_speed_umps}");
+        }
+    }
+}
+
+#[test]
 fn c1_in_a_stop_a_cable_that_was_slack_is_needed_five_times_as_soon() {
     let config = config(&DEFAULT);
     let force_after = |stops: bool| {
