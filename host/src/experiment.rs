@@ -32,7 +32,7 @@ use crate::sight::Scene;
 use mcdpr_core::recovery::{Journal, JournalError};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation};
-use nalgebra::Rotation3;
+use nalgebra::{Rotation3, Vector3};
 use std::time::{Duration, Instant};
 
 /// Modules on the board whose firmware the emulated chip executes.
@@ -146,19 +146,8 @@ impl SimulatedRobot {
     /// Where it cannot hang there.
     pub fn at_home(&self, model: &Model) -> Result<SimulatedLink, RunError> {
         let described = self.machine.as_ref().unwrap_or(model.robot());
-        let calibrated = model.robot().calibrated.as_deref();
-        let known = calibrated.and_then(|c| Some((c, c.simulated_seed?)));
-        let (machine, mismatch, seed) = match known {
-            Some((calibrated, seed)) => {
-                let kind = calibrated.simulated_machine.as_deref();
-                let built = kind
-                    .and_then(Mismatch::named)
-                    .unwrap_or(Mismatch::as_built());
-                // Homed anew since it was calibrated, and its cells have drifted.
-                (&calibrated.designed, built.in_session(self.session), seed)
-            }
-            None => (described, self.mismatch, self.seed),
-        };
+        let calibrated = of_calibration(model.robot(), self.session);
+        let (machine, mismatch, seed) = calibrated.unwrap_or((described, self.mismatch, self.seed));
         let mismatch = &mismatch;
         // The emulated chip is the board of the paper: it has four modules.
         let own = machine.boards.iter().map(|board| board.cables.len());
@@ -175,6 +164,19 @@ impl SimulatedRobot {
         machine::line_to(machine, plant, &self.line, seed, &self.controller)
             .map_err(|error| RunError::Client(error.into()))
     }
+}
+
+/// The machine of a robot that was calibrated on the simulator: as it was designed, with the errors and the seed
+/// that it was calibrated with. Homed anew since, and its cells have drifted, unless `session` is 0. `None` for any
+/// other robot.
+pub(crate) fn of_calibration(robot: &Robot, session: u64) -> Option<(&Robot, Mismatch, u64)> {
+    let calibrated = robot.calibrated.as_deref()?;
+    let seed = calibrated.simulated_seed?;
+    let kind = calibrated.simulated_machine.as_deref();
+    let built = kind
+        .and_then(Mismatch::named)
+        .unwrap_or(Mismatch::as_built());
+    Some((&calibrated.designed, built.in_session(session), seed))
 }
 
 /// A task to be run on a robot: a simulated one ([`Self::simulate`]) or any board behind a line
@@ -378,10 +380,8 @@ impl<'a> Experiment<'a> {
     }
 }
 
-/// A true path in the world frame that the robot knows. A calibration cannot determine the world
-/// frame, only relative positions: for a robot that was calibrated on the simulator, the tags used
-/// relate both frames.
-fn in_calibrated_frame(model: &Model, mut path: Vec<PathPoint>) -> Vec<PathPoint> {
+/// A true path in the world frame that the robot knows.
+pub(crate) fn in_calibrated_frame(model: &Model, mut path: Vec<PathPoint>) -> Vec<PathPoint> {
     let Some(known_from_true) = Scene::known_from_true(model.robot()) else {
         return path;
     };
@@ -389,4 +389,12 @@ fn in_calibrated_frame(model: &Model, mut path: Vec<PathPoint>) -> Vec<PathPoint
         point.tool_m = known_from_true.transform(&point.tool_m.into()).into();
     }
     path
+}
+
+/// A true position, m, in the world frame that the robot knows. A calibration cannot determine the world
+/// frame, only relative positions: for a robot that was calibrated on the simulator, the tags used
+/// relate both frames.
+pub(crate) fn in_known_frame(robot: &Robot, true_m: &Vector3<f64>) -> Vector3<f64> {
+    Scene::known_from_true(robot)
+        .map_or(*true_m, |known_from_true| known_from_true.transform(true_m))
 }

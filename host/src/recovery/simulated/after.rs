@@ -1,6 +1,6 @@
 //! The robot after the power is back: its journal, the recovery, the rest of its task.
 
-use crate::experiment::{Experiment, Run};
+use crate::experiment::{Experiment, Run, in_calibrated_frame, in_known_frame, of_calibration};
 use crate::link::{Client, SimulatedLink};
 use crate::motion::{Model, Task};
 use crate::recovery::{
@@ -55,6 +55,17 @@ pub struct AfterCut {
 
 /// The camera of a simulated robot, and the places of the tags as a calibration has them.
 fn camera(model: &Model, link: &SimulatedLink, seed: u64) -> (SimulatedTags, Vec<TagPlace>) {
+    let robot = model.robot();
+    if let (Some(calibrated), Some((_, _, built))) =
+        (robot.calibrated.as_deref(), of_calibration(robot, 1))
+    {
+        let scene = Scene::of(robot, built);
+        let places = calibrated.places.clone();
+        return (
+            SimulatedTags::new(link.clone(), scene, CORNER_PX, seed),
+            places,
+        );
+    }
     let scene = Scene::on_floor(model.robot(), MOUNTING[0], MOUNTING[1], seed);
     let mut random = Random::new(seed ^ 0x7461_6773);
     let mut places = scene.places.clone();
@@ -156,7 +167,7 @@ impl AfterCut {
         Ok(journal)
     }
 
-    /// Recovers; also the tool's true mean position meanwhile, world, m.
+    /// Recovers; also the tool's true mean position meanwhile, m, in the world frame that the robot knows.
     ///
     /// # Errors
     /// As [`recover`].
@@ -197,7 +208,7 @@ impl AfterCut {
             .iter()
             .map(|point| Vector3::from(point.truth.tool_position_m));
         let mean = tools.sum::<Vector3<f64>>() / (trace.len().max(1)) as f64;
-        Ok((verdict, mean))
+        Ok((verdict, in_known_frame(model.robot(), &mean)))
     }
 
     /// Continues the interrupted task, after an accepted recovery.
@@ -213,7 +224,7 @@ impl AfterCut {
             .run_on(self.link.clone())?;
         let trace = self.link.with(Simulation::take_trace);
         run.simulated = true;
-        run.true_path = Some(report::true_path(&trace));
+        run.true_path = Some(in_calibrated_frame(model, report::true_path(&trace)));
         Ok(run)
     }
 }

@@ -8,7 +8,7 @@ pub use after::AfterCut;
 
 use super::MemoryDisk;
 use super::writer::{About, JournalWriter};
-use crate::experiment::Experiment;
+use crate::experiment::{Experiment, in_known_frame, of_calibration};
 use crate::link::{ClientError, plant_failed};
 use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Task};
@@ -115,8 +115,11 @@ fn differ(params: &mut mcdpr_simulator::plant::PlantParams, seed: u64) {
 pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, RunError> {
     let plant = |error| RunError::Client(ClientError::from(plant_failed(error)));
     let robot = model.robot();
-    let home = model.rest_at_home()?;
-    let mut params = machine::plant_params(robot, &case.mismatch, case.seed);
+    let machine = of_calibration(robot, 1);
+    let (built, mismatch, built_seed) = machine.unwrap_or((robot, case.mismatch, case.seed));
+    let described = Model::new(built)?.with_options(model.options());
+    let home = described.rest_at_home()?;
+    let mut params = machine::plant_params(built, &mismatch, built_seed);
     differ(&mut params, case.seed);
     let (pose, held, seed) = (
         &home.equilibrium.pose,
@@ -125,13 +128,15 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
     );
     let hung = machine::hang(params, pose, home.tensions_n(), held, seed).map_err(plant)?;
     let line = LinkOptions::default();
-    let link = machine::line_to(robot, hung, &line, seed, &case.controller)
+    let link = machine::line_to(built, hung, &line, seed, &case.controller)
         .map_err(|error| RunError::Client(error.into()))?;
     let mut random = Random::new(case.seed ^ 0x686F_6D65);
     let off_m = Vector3::from_fn(|_, _| random.within(HOMED_M));
-    let place_m = robot.tool.home_in_world_m + off_m;
     let truth = link.with(|simulation| simulation.plant().truth());
-    let homed_off_m = place_m - Vector3::from(truth.map_err(plant)?.tool_position_m);
+    let truth_m = in_known_frame(robot, &truth.map_err(plant)?.tool_position_m.into());
+    let home_m = machine.map_or(robot.tool.home_in_world_m, |_| truth_m);
+    let place_m = home_m + off_m;
+    let homed_off_m = place_m - truth_m;
     let reference = if case.seen_at_home {
         after::seen_at_home(model, &link, &place_m, case.seed)?
     } else {
