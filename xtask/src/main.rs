@@ -10,9 +10,11 @@ mod python;
 mod ros;
 mod seams;
 mod source;
+mod times;
 mod tools;
 
 use std::process::{Command, ExitCode};
+use std::time::Instant;
 
 const USAGE: &str = "usage: cargo xtask COMMAND
 
@@ -35,6 +37,7 @@ seams       no ring of modules, no public item unused outside its crate; no depe
 lint        formatting, seams, lints and documentation, warnings denied";
 
 fn main() -> ExitCode {
+    let began = Instant::now();
     let outcome = match std::env::args().nth(1).as_deref() {
         Some("test") => test(),
         Some("python") if std::env::args().nth(2).as_deref() == Some("--built") => {
@@ -58,6 +61,12 @@ fn main() -> ExitCode {
         }
         _ => Err(USAGE.to_owned()),
     };
+    if matches!(
+        std::env::args().nth(1).as_deref(),
+        Some("test" | "lint" | "python" | "ros")
+    ) {
+        eprintln!("{}", times::summary(began));
+    }
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
@@ -230,7 +239,9 @@ fn run(command: &mut Command) -> Result<(), String> {
     let program = command.get_program().to_string_lossy();
     let line = format!("{program} {}", words.join(" "));
     eprintln!("xtask: {line}");
-    match command.status() {
+    let name = program.rsplit('/').next().unwrap_or_default();
+    let step = format!("{name} {}", words.join(" "));
+    match times::timed(&step, || command.status()) {
         Ok(status) if status.success() => Ok(()),
         Ok(status) => Err(format!("xtask: `{line}` failed: {status}")),
         Err(error) => Err(format!("xtask: `{line}` cannot be started: {error}")),

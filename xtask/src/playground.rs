@@ -33,10 +33,11 @@ fn target() -> PathBuf {
 /// What failed; that it is too large.
 pub(crate) fn build(cargo: &str) -> Result<(), String> {
     ensure_target(TARGET)?;
-    let built = Command::new(cargo)
+    let mut command = Command::new(cargo);
+    command
         .args(["build", "--locked", "--profile", PROFILE])
-        .args(["--target", TARGET, "-p", "mcdpr-playground", "--lib"])
-        .status();
+        .args(["--target", TARGET, "-p", "mcdpr-playground", "--lib"]);
+    let built = crate::times::timed("the playground is built", || command.status());
     match built {
         Ok(status) if status.success() => {}
         Ok(status) => return Err(format!("the playground was not built ({status})")),

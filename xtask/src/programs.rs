@@ -6,8 +6,9 @@ use std::process::{Command, Output, Stdio};
 use std::sync::Mutex;
 use std::sync::mpsc;
 
-/// Programs that measure reaction times: nothing runs beside them. They come last.
-const ALONE: [&str; 6] = [
+/// Programs that measure reaction times, or whose boards run by the clock: nothing runs beside them. They come last.
+const ALONE: [&str; 7] = [
+    "two_ports",
     "page",
     "cockpit",
     "cockpit_runs",
@@ -82,12 +83,13 @@ fn beside(programs: Vec<Program>, firmware: &Path) -> Vec<String> {
 }
 
 fn start(program: &Program, firmware: &Path) -> std::io::Result<Output> {
-    Command::new(&program.file)
+    let mut command = Command::new(&program.file);
+    command
         .current_dir(&program.folder)
         .env("CARGO_MANIFEST_DIR", &program.folder)
         .env("MCDPR_FIRMWARE", firmware)
-        .stdin(Stdio::null())
-        .output()
+        .stdin(Stdio::null());
+    crate::times::timed(&program.name, || command.output())
 }
 
 /// Prints what a program said; its name if it failed.
@@ -112,7 +114,8 @@ fn built(cargo: &str, arguments: &[&str]) -> Result<Vec<Program>, String> {
     command.args(arguments);
     command.args(["--no-run", "--message-format=json-render-diagnostics"]);
     eprintln!("xtask: cargo {} --no-run", arguments.join(" "));
-    let output = command.stderr(Stdio::inherit()).output();
+    command.stderr(Stdio::inherit());
+    let output = crate::times::timed("the tests are built", || command.output());
     let output = output.map_err(|error| format!("xtask: cargo cannot be started: {error}"))?;
     if !output.status.success() {
         return Err(format!("xtask: the tests do not build: {}", output.status));
