@@ -251,7 +251,7 @@ mod tests {
 
     #[test]
     fn the_robots_own_poses_are_found_and_anothers_are_not() {
-        let robot = Robot::built_in("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-optimistic").unwrap();
         let rows = rows(&table(&robot), 4).unwrap();
         let worst = |robot: &Robot| {
             distances(robot, &rows)
@@ -268,7 +268,7 @@ mod tests {
 
     #[test]
     fn bad_tables_are_refused_with_line_and_column() {
-        let good = table(&Robot::built_in("paper-table5").unwrap());
+        let good = table(&Robot::built_in("paper-optimistic").unwrap());
         let missing = rows(&good.replace("dl3_mm", "dl9_mm"), 4);
         assert_eq!(
             missing,

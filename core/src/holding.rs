@@ -454,7 +454,7 @@ mod tests {
     #[test]
     fn every_shipped_robot_is_held() {
         for (name, freedom) in [
-            ("paper-table5", 3),
+            ("paper-optimistic", 3),
             ("eight-cable", 6),
             ("planar-four", 2),
             ("three-point", 3),

@@ -11,7 +11,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 fn circle(criterion: &mut Criterion) {
-    let robot = Robot::built_in("paper-table5").expect("a built-in robot");
+    let robot = Robot::built_in("paper-optimistic").expect("a built-in robot");
     let model = Model::new(&robot).expect("three cables are held by length");
     let run = || {
         let task = Task::built_in("paper:table7", -0.18).expect("a built-in task");

@@ -55,7 +55,7 @@ fn scenario(model: &Model) -> Scenario {
     };
     let height_m = -0.1 + model.robot().tool.tcp_in_platform_m.z;
     let task = mcdpr::record::task_source("paper:table7", height_m);
-    mcdpr::record::starting_now("paper-table5", task, 1, machine)
+    mcdpr::record::starting_now("paper-optimistic", task, 1, machine)
 }
 
 /// The record of the paper's circle, and its duration, s.
@@ -161,7 +161,7 @@ fn page(model: &Model, all: &[RunEvent], with_camera: bool) -> (f64, f64) {
 }
 
 fn main() -> std::process::ExitCode {
-    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
     let folder = std::env::temp_dir().join(format!("mcdpr-bench-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join(FILE_NAME);

@@ -17,7 +17,7 @@ def test_every_built_in_robot_has_the_program_s_values() -> None:
 
 
 def test_edits_are_new_robots_and_survive_a_save(tmp_path: Path) -> None:
-    robot = mcdpr.Robot.load("paper-geared")
+    robot = mcdpr.Robot.load("paper-table5")
     heavier = robot.edited({"platform.mass_kg": 1.75, "cable.2.anchor_mm": [41.0, 384.0, 24.0]})
     assert heavier.values["platform"]["mass_kg"] == 1.75
     assert heavier.values["cables"][1]["anchor_in_world_m"] == [0.041, 0.384, 0.024]
@@ -30,7 +30,7 @@ def test_edits_are_new_robots_and_survive_a_save(tmp_path: Path) -> None:
 
 
 def test_a_wrong_edit_says_what_and_where() -> None:
-    robot = mcdpr.Robot.load("paper-table5")
+    robot = mcdpr.Robot.load("paper-optimistic")
     with pytest.raises(mcdpr.RobotError, match="mass_kg") as refused:
         robot.edited({"platform.mass_kg": -1.0})
     assert refused.value.problems[0]["place"] == "[platform]"

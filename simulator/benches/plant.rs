@@ -9,7 +9,7 @@ use mcdpr_simulator::plant::{DriveCommand, Mode, Plant, PlantParams, Pose};
 /// The paper's robot, all brakes open: cables 1-3 in position mode, cable 4 in current mode,
 /// with pulley loss, so that no part of the model is idle.
 fn running_plant() -> Plant {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     for cable in &mut params.cables {
         cable.pulley_loss = 0.02;
     }

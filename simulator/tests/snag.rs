@@ -33,7 +33,7 @@ const SPACING_MS: u32 = 40;
 /// The winches under test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Winches {
-    /// 371:1, 34 kg at the cable, 45 mm/s (robots/paper-table5.toml).
+    /// 371:1, 34 kg at the cable, 45 mm/s (robots/paper-optimistic.toml).
     Geared,
     /// 27:1, 1.9 kg, 0.62 m/s (robots/lab-fast.toml).
     Light,
@@ -43,7 +43,7 @@ enum Winches {
 
 impl Winches {
     fn params(self) -> PlantParams {
-        let mut params = PlantParams::paper_table5();
+        let mut params = PlantParams::paper_optimistic();
         for (index, winch) in params.winches.iter_mut().enumerate() {
             let direct = self == Self::Direct && index == HELD;
             // Gear, motor counts per drum turn, rpm, A, N m/A, kg m², kg.

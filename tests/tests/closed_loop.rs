@@ -20,7 +20,7 @@ fn circle(robot: &str, mismatch: &Mismatch, seed: u64) -> (SimulatedRun, Figures
 
 #[test]
 fn the_paper_robot_follows_its_circle_as_described() {
-    let (run, figures) = circle("paper-table5", &Mismatch::default(), 1);
+    let (run, figures) = circle("paper-optimistic", &Mismatch::default(), 1);
     let path = figures.path_error_m.unwrap();
     assert!(path.mean < 0.10e-3 && path.max < 0.60e-3, "{path:?}");
     let lengths = figures.cable_length_error_m;
@@ -48,7 +48,7 @@ fn the_paper_robot_follows_its_circle_as_described() {
 #[test]
 fn a_realistic_machine_stays_under_a_millimetre_for_every_seed() {
     for seed in 1..=6 {
-        let (_, figures) = circle("paper-table5", &Mismatch::realistic(), seed);
+        let (_, figures) = circle("paper-optimistic", &Mismatch::realistic(), seed);
         let path = figures.path_error_m.unwrap();
         assert!(
             path.mean < 0.6e-3 && path.max < 1.0e-3,
@@ -71,7 +71,11 @@ fn the_fast_robot_follows_the_same_circle() {
 
 #[test]
 fn a_run_repeats_bit_by_bit_for_a_seed_and_differs_for_another() {
-    let path = |seed| circle("paper-table5", &Mismatch::realistic(), seed).0.run;
+    let path = |seed| {
+        circle("paper-optimistic", &Mismatch::realistic(), seed)
+            .0
+            .run
+    };
     let (a, b, c) = (path(3), path(3), path(4));
     assert_eq!(a.samples, b.samples);
     assert_eq!(a.true_path, b.true_path);
@@ -82,9 +86,9 @@ fn a_run_repeats_bit_by_bit_for_a_seed_and_differs_for_another() {
 fn the_measured_lengths_are_the_true_ones_to_an_encoder_count() {
     // Path error and length error must not agree by both being wrong: the plant's own geometry
     // says where the tool was, the encoders what was paid out.
-    let robot = Robot::built_in("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-optimistic").unwrap();
     let model = Model::new(&robot).unwrap();
-    let (run, _) = circle("paper-table5", &Mismatch::default(), 2);
+    let (run, _) = circle("paper-optimistic", &Mismatch::default(), 2);
     let truth = run.run.true_path.as_ref().unwrap();
     let mut compared = 0;
     for sample in run.run.samples.iter().step_by(97) {
@@ -113,7 +117,7 @@ fn the_measured_lengths_are_the_true_ones_to_an_encoder_count() {
 
 #[test]
 fn arming_and_disarming_leave_the_platform_where_it_hangs() {
-    let robot = Robot::built_in("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-optimistic").unwrap();
     let model = Model::new(&robot).unwrap();
     let link = SimulatedRobot::new(Mismatch::default(), 1)
         .line(mcdpr_simulator::LinkOptions::default())

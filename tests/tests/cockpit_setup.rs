@@ -102,7 +102,10 @@ fn the_doctor_and_the_rig_are_run_from_the_page_and_a_failure_says_what_to_do() 
     );
     open(&mut page, "doctor");
     let shown = page.text("step-doctor-line");
-    assert_eq!(shown, "mcdpr doctor --robot paper-table5 --time-scale 20");
+    assert_eq!(
+        shown,
+        "mcdpr doctor --robot paper-optimistic --time-scale 20"
+    );
     disabled(&mut page, "step-doctor-stop", "does not run");
     page.click("#step-doctor-run");
     wait(&mut page, &is("doctor", "running"));
@@ -244,12 +247,12 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
         assert!(result.contains(part), "{result}");
     }
     // It is used only once it is accepted.
-    let file = folder.path().join("paper-table5.calibration.json");
+    let file = folder.path().join("paper-optimistic.calibration.json");
     assert!(
         !file.exists()
             && folder
                 .path()
-                .join("paper-table5.calibration.new.json")
+                .join("paper-optimistic.calibration.new.json")
                 .exists()
     );
     wait(
@@ -261,7 +264,7 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
     let accepted = std::fs::read_to_string(&file).unwrap();
     assert!(
         page.text("kept-words")
-            .contains("paper-table5.calibration.json")
+            .contains("paper-optimistic.calibration.json")
     );
     // The server uses it once it has read it: the page shows the anchors that were found.
     page.run("window.anchors = JSON.stringify(mcdpr.robot.cables)");
@@ -279,10 +282,15 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
     page.click("#kept-back");
     wait(&mut page, "!mcdpr.steps.known.calibration.used");
     assert!(!file.exists());
-    let undone = folder.path().join("paper-table5.calibration.json.undone");
+    let undone = folder
+        .path()
+        .join("paper-optimistic.calibration.json.undone");
     assert_eq!(std::fs::read_to_string(undone).unwrap(), accepted);
     // The data can be solved again, without a robot; the result can be discarded.
-    page.fill("step-calibrate-data", "paper-table5.calibration-data.json");
+    page.fill(
+        "step-calibrate-data",
+        "paper-optimistic.calibration-data.json",
+    );
     wait(
         &mut page,
         &format!("{}.includes('--data')", line("calibrate")),

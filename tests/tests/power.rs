@@ -63,7 +63,7 @@ fn recovered(model: &Model, played: &AfterCut, camera: bool, untouched: bool) ->
 
 #[test]
 fn p2_with_a_tag_in_view_every_cut_is_recovered_within_a_millimetre() {
-    for robot in ["paper-table5", "lab-fast"] {
+    for robot in ["paper-optimistic", "lab-fast"] {
         let model = model(robot);
         for (supply, name) in Supply::ALL {
             let played = interrupted(&model, supply, Disturbance::None);
@@ -101,7 +101,7 @@ fn p2_a_view_of_the_tag_at_homing_makes_the_recovery_more_exact() {
 
 #[test]
 fn p2_without_a_camera_lost_counts_need_the_users_confirmation() {
-    let model = model("paper-table5");
+    let model = model("paper-optimistic");
     // In a dip the encoders may have had too little.
     for supply in [Supply::Board, Supply::All, Supply::Dip] {
         let played = interrupted(&model, supply, Disturbance::None);
@@ -127,7 +127,7 @@ fn p2_without_a_camera_lost_counts_need_the_users_confirmation() {
 
 #[test]
 fn p2_a_battery_keeps_the_last_lengths_when_everything_else_loses_its_supply() {
-    let model = model("paper-table5");
+    let model = model("paper-optimistic");
     let mut cut = SimulatedCut {
         battery: true,
         ..cut(&model, Supply::All, Disturbance::None)
@@ -253,7 +253,7 @@ fn p2_a_gentle_test_finds_a_platform_that_was_moved_without_journal_or_camera() 
 
 #[test]
 fn p2_a_platform_that_was_moved_is_seen_by_the_tag_and_named() {
-    let model = model("paper-table5");
+    let model = model("paper-optimistic");
     let by_m = [0.02, -0.01, 0.0];
     let played = interrupted(&model, Supply::All, Disturbance::Moved { by_m });
     let (verdict, off_mm) = recovered(&model, &played, true, false);
@@ -269,7 +269,7 @@ fn p2_a_platform_that_was_moved_is_seen_by_the_tag_and_named() {
 
 #[test]
 fn p2_an_invalid_journal_is_refused_with_the_reason() {
-    let model = model("paper-table5");
+    let model = model("paper-optimistic");
     let played = interrupted(&model, Supply::All, Disturbance::None);
     let good = played.read(&model, u64::MAX / 2).unwrap();
     let refused = |journal: Result<Journal, JournalError>, part: &str| {
@@ -336,7 +336,7 @@ fn p2_a_task_continues_where_it_was_interrupted() {
     for (robot, supply) in [
         ("lab-fast", Supply::All),
         ("lab-fast", Supply::Board),
-        ("paper-table5", Supply::Drives),
+        ("paper-optimistic", Supply::Drives),
     ] {
         let model = model(robot);
         let after = interrupted(&model, supply, Disturbance::None);
@@ -420,7 +420,7 @@ fn p4_on_the_emulated_chip_a_fault_of_the_program_costs_no_lengths() {
 
 #[test]
 fn p2_on_the_emulated_chip_a_cut_is_recovered_and_the_task_continues() {
-    let model = model("paper-table5");
+    let model = model("paper-optimistic");
     let cut = SimulatedCut {
         seen_at_home: true,
         controller: Controller::Chip(mcdpr_tests::chip::firmware()),
@@ -523,7 +523,7 @@ fn p2_the_study_has_all_kinds_and_accepts_none_wrongly() {
 #[test]
 fn p2_drives_that_outlive_their_board_do_not_overcome_closed_brakes() {
     let words = ["--undisturbed", "--runs", "6", "--seed", "150007"];
-    let document = study(&[&words[..], &["--robot", "paper-geared"]].concat());
+    let document = study(&[&words[..], &["--robot", "paper-table5"]].concat());
     assert_eq!(document["refused_wrongly"], 0.0, "{document}");
     assert_eq!(document["accepted_wrongly"], 0, "{document}");
 }

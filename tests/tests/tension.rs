@@ -302,8 +302,8 @@ fn every_robot_with_a_tension_loop_is_tuned_and_nothing_that_rings_is_recommende
     // Those without a model are searched on the robot: a law with a speed as its output, and a platform that is held
     // on all sides.
     for (robot, modelled) in [
-        ("paper-table5", true),
-        ("paper-geared", false),
+        ("paper-optimistic", true),
+        ("paper-table5", false),
         ("paper-table3", true),
         ("planar-vertical", false),
     ] {
@@ -326,7 +326,7 @@ fn every_robot_with_a_tension_loop_is_tuned_and_nothing_that_rings_is_recommende
         "tune",
         "tension",
         "--robot",
-        "paper-geared",
+        "paper-table5",
         "--gains",
         "4,-1,0",
     ];

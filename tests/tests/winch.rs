@@ -11,7 +11,7 @@ use std::process::{Output, Stdio};
 
 fn robot_text() -> String {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    std::fs::read_to_string(root.join("robots/paper-geared.toml")).unwrap()
+    std::fs::read_to_string(root.join("robots/paper-table5.toml")).unwrap()
 }
 
 fn run(folder: &Folder, arguments: &[&str]) -> Output {
@@ -98,7 +98,7 @@ fn s2_cables_behind_play_are_spooled_attached_tensioned_and_let_down() {
         &["tension"],
         &["lower"],
     ] {
-        let words = [&["rig"], step, &["--yes", "--robot", "paper-geared"]].concat();
+        let words = [&["rig"], step, &["--yes", "--robot", "paper-table5"]].concat();
         succeeds(&folder, &words);
     }
 }
@@ -136,7 +136,7 @@ fn a_winch_that_cannot_overcome_its_own_friction_is_refused() {
 
 #[test]
 fn machines_across_the_range_arm_and_hold_their_tension() {
-    let robot = Robot::built_in("paper-geared").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     assert_eq!(robot.tension.output, TensionOutput::Velocity);
     // 1.2 N and 60 %, 2.2 N and 77 %, 16.9 N and 81 %; play from 0.8 to 1.4 degrees.
     for seed in [3, 8, 10] {

@@ -471,7 +471,11 @@ mod tests {
     use super::*;
 
     fn params(mismatch: Mismatch, seed: u64) -> PlantParams {
-        plant_params(&Robot::built_in("paper-table5").unwrap(), &mismatch, seed)
+        plant_params(
+            &Robot::built_in("paper-optimistic").unwrap(),
+            &mismatch,
+            seed,
+        )
     }
 
     #[test]

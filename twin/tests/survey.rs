@@ -11,7 +11,7 @@ fn model(name: &str) -> Model {
 /// Every row, in every phase: what must be noticed is, and what is latched has its name.
 #[test]
 fn faults_in_every_phase_are_noticed_and_named() {
-    let model = model("paper-table5");
+    let model = model("paper-optimistic");
     let runs = (1..41).filter_map(|seed| survey::run(&model, seed));
     let runs: Vec<_> = runs.filter(|outcome| outcome.injected).collect();
     for moment in Moment::ALL {
@@ -34,7 +34,7 @@ fn faults_in_every_phase_are_noticed_and_named() {
 
 #[test]
 fn the_same_work_without_a_fault_raises_no_alarm() {
-    for name in ["paper-table5", "lab-fast"] {
+    for name in ["paper-optimistic", "lab-fast"] {
         let model = model(name);
         for seed in 1..6 {
             let Some(run) = survey::undisturbed(&model, seed) else {
@@ -53,7 +53,7 @@ fn the_same_work_without_a_fault_raises_no_alarm() {
 
 #[test]
 fn a_seed_is_the_same_run_again() {
-    let model = model("paper-table5");
+    let model = model("paper-optimistic");
     let run = || format!("{:?}", survey::run(&model, 5));
     assert_eq!(run(), run());
 }

@@ -89,7 +89,7 @@ mod tests {
 
     #[test]
     fn exact_measurements_give_the_place_and_an_honest_covariance() {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let at = Vector3::new(0.30, -0.05, -0.22);
         let measured = hanging(&model, &at);
         let start = Vector3::new(0.335, 0.0, -0.18);
@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn a_slipping_cable_is_named() {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let at = Vector3::new(0.30, -0.05, -0.22);
         for cable in 0..4 {
             let mut measured = hanging(&model, &at);
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn too_little_and_nonsense_are_refused() {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let at = Vector3::new(0.30, -0.05, -0.22);
         let nothing = Measurements::default();
         assert!(estimate(&model, &nothing, &Sigmas::default(), &at).is_err());

@@ -277,7 +277,7 @@ mod tests {
 
     #[test]
     fn no_cable_is_expected_below_its_floor_c1() {
-        let robot = Robot::built_in("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-optimistic").unwrap();
         let floor_n = robot.limits.tension_min_n;
         let expected = expected_n(&robot, &[8.0, 6.0, floor_n, 0.1]);
         assert_eq!(expected, [8.0, 6.0, floor_n, floor_n]);
@@ -288,6 +288,6 @@ mod tests {
         // 7.2 ms at 0.5 m/s are 3.6 mm, 40 % of it 1.44 mm; the paper's robot is slow.
         let fast = following_um("lab-fast");
         assert!((1300..1600).contains(&fast), "{fast}");
-        assert_eq!(following_um("paper-table5"), 1000);
+        assert_eq!(following_um("paper-optimistic"), 1000);
     }
 }

@@ -100,7 +100,7 @@ mod tests {
     use std::path::PathBuf;
 
     fn refused(text: &str) -> PlanError {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let task = if text.starts_with('G') {
             Task::parse_gcode(text, PathBuf::from("any.gcode"))
         } else {
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn a_motion_of_too_many_impulses_is_refused_and_a_shorter_one_is_not() {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let planned = |shaping, speed_mm_s: f64| {
             let options = PlanOptions {
                 shaping,
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn an_hour_fits_and_one_second_more_does_not() {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let dwell = |duration_s| [Step::Dwell { duration_s }];
         assert!(check(&model, &dwell(LONGEST_S)).is_ok());
         assert!(check(&model, &dwell(LONGEST_S + 1.0)).is_err());

@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn the_rule_beats_every_other_tension_and_gives_the_known_ratios() {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let weight = model.geometry().weight_n();
         let least = |at: &Vector3<f64>, n: f64| {
             let rest = model.rest_with(at, n, None).ok()?;

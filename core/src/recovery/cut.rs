@@ -67,7 +67,7 @@ pub struct Lengths {
 
 /// Standard deviation of a counted length, m, without the error of the place of homing: anchors and
 /// attachments after a calibration, and what pulleys, centre of mass and elasticity change in the platform's
-/// attitude. Chosen on seeds 30001 to 30600 of lab-fast and paper-table5, so that 95 % of the errors without a
+/// attitude. Chosen on seeds 30001 to 30600 of lab-fast and paper-optimistic, so that 95 % of the errors without a
 /// camera are within the statistical bound; 0.175 mm gave 100 %, 0.12 mm 88 %.
 pub(crate) const KNOWN_M: f64 = 1.35e-4;
 
@@ -347,7 +347,7 @@ mod tests {
     #[test]
     fn closed_brakes_hold_and_with_open_ones_a_light_robot_falls_further() {
         let mut paid_out = Vec::new();
-        for robot in ["paper-table5", "lab-fast"] {
+        for robot in ["paper-optimistic", "lab-fast"] {
             let (model, rest, mut kept) = hanging(robot, 0.0);
             let after = lengths_after(&model, &rest, &kept, &CUT);
             let out = (0..4).map(|i| after.mean_m[i] - kept.cables[i].length_m);
@@ -365,7 +365,7 @@ mod tests {
 
     #[test]
     fn a_turning_drum_continues_and_its_time_is_as_uncertain_as_its_brake() {
-        let (model, rest, mut kept) = hanging("paper-table5", 0.0);
+        let (model, rest, mut kept) = hanging("paper-optimistic", 0.0);
         let cut = Cut {
             unseen_s: 0.01,
             unseen_sd_s: 0.005,

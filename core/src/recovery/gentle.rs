@@ -342,7 +342,7 @@ mod tests {
 
     #[test]
     fn a_test_finds_the_place_whatever_gains_and_elasticity_are() {
-        for robot in ["lab-fast", "paper-table5"] {
+        for robot in ["lab-fast", "paper-optimistic"] {
             let model = Model::new(&Robot::built_in(robot).unwrap()).unwrap();
             let home_m = model.robot().tool.home_in_world_m;
             for off_m in [[0.04, -0.03, -0.02], [-0.06, 0.05, -0.05]] {

@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn lengths_are_believed_only_if_nothing_was_moved_or_rescaled() {
-        let robot = Robot::built_in("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-optimistic").unwrap();
         let model = Model::new(&robot).unwrap();
         let rest = model.rest(&robot.tool.home_in_world_m, None).unwrap();
         let saved = Saved {

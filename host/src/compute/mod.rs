@@ -379,7 +379,7 @@ mod tests {
 
     #[test]
     fn stiff_cables_swing_as_rigid_ones_and_soft_ones_more_slowly() {
-        let mut robot = Robot::built_in("paper-table5").unwrap();
+        let mut robot = Robot::built_in("paper-optimistic").unwrap();
         let place = robot.tool.home_in_world_m;
         let swings = |robot: &Robot| {
             let subject = Subject::new(robot.clone()).unwrap();

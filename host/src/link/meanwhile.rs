@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn a_board_hears_its_host_while_the_host_works() {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let link = crate::experiment::SimulatedRobot::new(Mismatch::default(), 1)
             .at_home(&model)
             .unwrap();

@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_name_cannot_break_the_file() {
-        let mut robot = Robot::built_in("paper-table5").unwrap();
+        let mut robot = Robot::built_in("paper-optimistic").unwrap();
         robot.name = "a \"b\" <c> & d--e\n".to_owned();
         for format in [Format::Mjcf, Format::Urdf] {
             let text = write(&robot, format, Winches::Held).unwrap();

@@ -360,7 +360,7 @@ mod tests {
     use crate::serve::feed::Source as PoseSource;
 
     fn source() -> Source {
-        let robot = Robot::built_in("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-optimistic").unwrap();
         Source::new(Model::new(&robot).unwrap())
     }
 

@@ -160,7 +160,7 @@ impl Draw {
 
 /// The robot of a seed: the paper's, with different mass, stiffness, brakes, friction and anchors.
 fn robot(draw: &mut Draw) -> Option<Robot> {
-    let mut robot = Robot::built_in("paper-table5").ok()?;
+    let mut robot = Robot::built_in("paper-optimistic").ok()?;
     let scale = draw.between(0.7, 1.5);
     robot.platform.mass_kg *= scale;
     robot.platform.inertia_kg_m2 *= scale;

@@ -432,7 +432,7 @@ mod tests {
     }
 
     fn server() -> Server {
-        let robot = Robot::built_in("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-optimistic").unwrap();
         Server::start(0, None, &robot, crate::serve::feed(), Arc::new(Nothing)).unwrap()
     }
 

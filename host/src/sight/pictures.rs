@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn pictures_show_the_tags_where_projection_has_them() {
-        let robot = Robot::built_in("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-optimistic").unwrap();
         let model = Model::new(&robot).unwrap();
         let link = SimulatedRobot::new(Mismatch::default(), 1)
             .at_home(&model)

@@ -118,7 +118,7 @@ mod tests {
     use mcdpr_calibration::pnp;
 
     fn robot_at_home(seed: u64) -> (SimulatedLink, SimulatedTags) {
-        let robot = Robot::built_in("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-optimistic").unwrap();
         let model = Model::new(&robot).unwrap();
         let link = SimulatedRobot::new(Mismatch::realistic(), seed)
             .at_home(&model)

@@ -391,8 +391,8 @@ pub fn cases(planner: Planner, pulley_loss: f64) -> Vec<Case> {
         for (job, robot) in [
             (Job::Circle8s, "lab-fast"),
             (Job::Line, "lab-fast"),
-            (Job::Circle10s, "paper-table5"),
-            (Job::LineAtLimit, "paper-table5"),
+            (Job::Circle10s, "paper-optimistic"),
+            (Job::LineAtLimit, "paper-optimistic"),
         ] {
             cases.push(Case {
                 job,

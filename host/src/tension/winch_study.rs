@@ -280,7 +280,7 @@ pub fn described(robot: &Robot, found: &[(Rubbing, Identified)]) -> Robot {
 fn follow(told: &Robot, built: &Robot, seed: u64, run: &mut Ran) {
     let base = Case {
         job: Job::Circle10s,
-        robot: "paper-table5",
+        robot: "paper-optimistic",
         every_error: true,
         known: Known::Absolute,
         pulley_loss: Mismatch::realistic().pulley_loss,

@@ -15,7 +15,7 @@
 //!
 //! ```
 //! use mcdpr_simulator::plant::{Plant, PlantParams, Pose};
-//! let mut plant = Plant::new(PlantParams::paper_table5(), 1)?;
+//! let mut plant = Plant::new(PlantParams::paper_optimistic(), 1)?;
 //! plant.settle_with_tension(&Pose::level([0.33, 0.0, -0.2]), 3, 5.0)?; // cable 4 at 5 N
 //! plant.advance(0.1)?;
 //! assert!((plant.truth()?.tensions_winch_n[3] - 5.0).abs() < 0.01); // brakes hold it there

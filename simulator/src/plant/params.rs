@@ -341,12 +341,12 @@ impl PlantParams {
     /// routing, no pulley loss).
     ///
     /// ```
-    /// let robot = mcdpr_simulator::plant::PlantParams::paper_table5();
+    /// let robot = mcdpr_simulator::plant::PlantParams::paper_optimistic();
     /// assert_eq!(robot.cables.len(), 4);
     /// assert_eq!(robot.cables[0].anchor_m, [0.025102, -0.370603, 0.0241]);
     /// ```
     #[must_use]
-    pub fn paper_table5() -> Self {
+    pub fn paper_optimistic() -> Self {
         let anchors = [
             [0.025_102, -0.370_603, 0.0241],
             [0.040_201, 0.384_903, 0.0242],

@@ -23,7 +23,7 @@ fn main() -> ExitCode {
     };
     let has = |name: &str| arguments.iter().any(|argument| argument == name);
     let first = number("--seed", 1);
-    let robot = value("--robot").map_or("paper-table5", String::as_str);
+    let robot = value("--robot").map_or("paper-optimistic", String::as_str);
     match survey(robot, first, number("--runs", 1000), !has("--undisturbed")) {
         Ok(0) => ExitCode::SUCCESS,
         Ok(_) => ExitCode::FAILURE,

@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn only_folders_of_runs_are_opened() {
-        let robot = Robot::built_in("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-optimistic").unwrap();
         let folder = std::env::temp_dir().join(format!("mcdpr-history-{}", std::process::id()));
         let history = History::new(folder, &robot);
         for path in [

@@ -144,7 +144,8 @@ mod tests {
         let mut names = listed["tasks"].as_array().unwrap().iter();
         assert!(names.any(|task| task["name"] == "line.toml"));
         assert_eq!(library.read("line.toml").unwrap(), LINE);
-        let model = Model::new(&crate::robot::Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model =
+            Model::new(&crate::robot::Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let (task, source) = library.find(&model, "line.toml").unwrap();
         assert_eq!((task.steps.len(), source.text.as_deref()), (1, Some(LINE)));
         assert!(library.find(&model, "paper:table8").is_ok());

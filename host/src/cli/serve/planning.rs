@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn a_start_begins_what_is_shown_and_nothing_else() {
-        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
         let feed = crate::serve::feed();
         let planning = Planning::start(model, feed.clone()).unwrap();
         let begun = || planning.begun().map(|chosen| chosen.task.name);

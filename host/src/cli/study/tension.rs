@@ -18,7 +18,7 @@ impl Cmd {
         let seeds = self.seeds;
         let (light, geared) = (
             Robot::built_in("lab-direct")?,
-            Robot::built_in("paper-table5")?,
+            Robot::built_in("paper-optimistic")?,
         );
         let table = study(&light, &geared, seeds)?;
         let text = serde_json::to_string(&table).map_err(Failed::from_error("the result"))?;

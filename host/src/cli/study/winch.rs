@@ -2,7 +2,6 @@
 
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Outcome, print_json, write_out};
-use crate::robot::Robot;
 use crate::tension::winch_study::{
     Drawn, FIGURES, FRICTION_N, OF_TENSION, contenders, median_and_p95, spread, study,
 };
@@ -25,12 +24,7 @@ const BINS_N: [[f64; 2]; 4] = [[1.0, 3.0], [3.0, 10.0], [10.0, 20.0], [20.0, 31.
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        // The default robot has no gear; this study is about gears.
-        let robot = if common.robot == "paper-table5" {
-            Robot::built_in("paper-geared")?
-        } else {
-            crate::robot::find(&common.robot)?
-        };
+        let robot = crate::robot::find(&common.robot)?;
         let seeds = self.seed..self.seed.saturating_add(self.seeds);
         let drawn = study(&robot, seeds.clone());
         let last = seeds.end.saturating_sub(1);

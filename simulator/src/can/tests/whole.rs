@@ -89,7 +89,7 @@ fn configuration(kind: i32, bitrate: i32, period_us: i32) -> Result<Active<4>, S
 
 impl Bench {
     fn new(protocol: Protocol) -> Self {
-        let mut params = PlantParams::paper_table5();
+        let mut params = PlantParams::paper_optimistic();
         for winch in &mut params.winches {
             winch.drive.protocol = protocol;
             if protocol == Protocol::Cia402 {

@@ -4,7 +4,7 @@ use super::*;
 
 /// All drives reset and answering.
 fn answering() -> Plant {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     for cable in 0..4 {
         plant.command(cable, DriveCommand::Reset).expect("cable");
     }
@@ -129,7 +129,7 @@ fn without_a_bus_drives_go_on_with_their_last_command() {
 
 #[test]
 fn the_e_stop_cuts_power_and_nothing_starts_by_itself() {
-    let mut plant = at_rest(PlantParams::paper_table5(), &off_centre(), 3.0);
+    let mut plant = at_rest(PlantParams::paper_optimistic(), &off_centre(), 3.0);
     for cable in 0..4 {
         make_ready(&mut plant, cable, Mode::Position);
         let hold = DriveCommand::Position {
@@ -166,7 +166,7 @@ fn the_e_stop_cuts_power_and_nothing_starts_by_itself() {
 
 #[test]
 fn a_rail_that_holds_up_keeps_the_drives_until_the_brakes_have_closed() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     for winch in &mut params.winches {
         winch.drive.hold_up_s = 0.05;
     }

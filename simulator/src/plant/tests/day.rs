@@ -8,7 +8,7 @@ const SAME_M: f64 = 2e-5;
 
 /// The paper's robot, its swing damped, with creep that is over within seconds.
 fn slow_robot(loss: f64) -> PlantParams {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.platform.linear_damping_ns_per_m = 1.4 * 12.0;
     params.platform.angular_damping_nms = 0.05;
     for cable in &mut params.cables {
@@ -82,7 +82,7 @@ fn a_resting_plant_hangs_like_one_that_moves_under_load_creep_and_heat() {
 #[test]
 fn creep_comes_under_load_and_goes_without() {
     let creep = Creep::polymer(0.003, 10.0, 50_000.0);
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.slow.creep = vec![creep; 4];
     let mut plant = at_rest(params, &off_centre(), 8.0);
     let tension = plant.truth().expect("a path").tensions_platform_n[0];

@@ -22,7 +22,7 @@ fn counts_of(plant: &Plant, metres: f64) -> i64 {
 
 #[test]
 fn a_small_step_follows_with_the_stated_bandwidth() {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     make_ready(&mut plant, 0, Mode::Position);
     let counts = counts_of(&plant, 1e-4);
     plant.command(0, position(counts, 8000)).expect("cable");
@@ -38,7 +38,7 @@ fn a_small_step_follows_with_the_stated_bandwidth() {
 #[test]
 fn a_long_way_runs_at_the_motors_speed_limit_or_the_commanded_one() {
     for (rpm_limit, mps) in [(8000, 0.045_148), (4000, 0.022_574), (20_000, 0.045_148)] {
-        let mut plant = winches_alone(PlantParams::paper_table5());
+        let mut plant = winches_alone(PlantParams::paper_optimistic());
         make_ready(&mut plant, 0, Mode::Position);
         let counts = counts_of(&plant, 0.1);
         plant
@@ -68,7 +68,7 @@ fn a_long_way_runs_at_the_motors_speed_limit_or_the_commanded_one() {
 
 #[test]
 fn feedback_tells_speed_and_count_on_the_way() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.winches[0].motor_sign = -1;
     let mut plant = winches_alone(params);
     make_ready(&mut plant, 0, Mode::Velocity);
@@ -93,7 +93,7 @@ fn feedback_tells_speed_and_count_on_the_way() {
 
 #[test]
 fn a_heavy_rotor_slows_the_start_but_not_the_arrival() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.winches[0].rotor_inertia_kg_m2 = 1e-6;
     assert!((params.winches[0].effective_mass_kg() - 344.4).abs() < 0.1);
     let mut plant = winches_alone(params);
@@ -113,7 +113,7 @@ fn a_heavy_rotor_slows_the_start_but_not_the_arrival() {
 
 #[test]
 fn current_rises_with_its_lag_in_whole_milliamps() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.winches[0].drive.current_quantum_a = 0.01;
     let mut plant = at_rest(params, &off_centre(), 5.0);
     make_ready(&mut plant, 0, Mode::Current);
@@ -149,7 +149,7 @@ fn current_rises_with_its_lag_in_whole_milliamps() {
 
 #[test]
 fn a_motor_in_current_mode_does_not_run_beyond_its_speed() {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     make_ready(&mut plant, 0, Mode::Current);
     plant
         .command(0, DriveCommand::Current { milliamps: 100 })
@@ -162,7 +162,7 @@ fn a_motor_in_current_mode_does_not_run_beyond_its_speed() {
 
 #[test]
 fn a_drive_obeys_only_after_reset_and_mode_and_only_its_mode() {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     let counts = counts_of(&plant, 1e-3);
     let go = position(counts, 8000);
     let command = |plant: &mut Plant, command, seconds| {
@@ -209,7 +209,7 @@ fn a_drive_obeys_only_after_reset_and_mode_and_only_its_mode() {
 
 #[test]
 fn a_late_drive_is_late_and_a_dead_one_never_comes() {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     plant.faults_mut().cables[0].drive.late_s = 0.3;
     plant.faults_mut().cables[1].drive.late_s = f64::INFINITY;
     for cable in 0..2 {
@@ -225,7 +225,7 @@ fn a_late_drive_is_late_and_a_dead_one_never_comes() {
 
 #[test]
 fn counts_start_at_zero_at_the_reset() {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     make_ready(&mut plant, 0, Mode::Position);
     let counts = counts_of(&plant, 0.01);
     plant.command(0, position(counts, 8000)).expect("cable");

@@ -4,7 +4,7 @@ use super::*;
 use crate::plant::platform::{Body, Motion};
 
 fn undamped() -> PlantParams {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     for cable in &mut params.cables {
         cable.damping_time_s = 0.0;
     }
@@ -77,7 +77,7 @@ fn an_undamped_swing_keeps_its_energy_for_20_s() {
 #[test]
 fn cable_damping_and_pulley_loss_only_take_energy() {
     for loss in [0.0, 0.03] {
-        let mut params = PlantParams::paper_table5();
+        let mut params = PlantParams::paper_optimistic();
         for cable in &mut params.cables {
             cable.pulley_loss = loss;
         }
@@ -127,7 +127,7 @@ fn free_drums_conserve_energy_with_the_platform() {
 #[test]
 fn a_released_platform_falls_freely() {
     let mut plant = at_rest(
-        PlantParams::paper_table5(),
+        PlantParams::paper_optimistic(),
         &Pose::level([0.33, 0.0, -0.1]),
         5.0,
     );
@@ -151,7 +151,7 @@ fn a_released_platform_falls_freely() {
 
 #[test]
 fn a_tumbling_body_keeps_momentum_and_energy() {
-    let mut params = PlantParams::paper_table5().platform;
+    let mut params = PlantParams::paper_optimistic().platform;
     params.inertia_kg_m2 = [
         [0.004, 0.0005, 0.0],
         [0.0005, 0.002, 0.0003],
@@ -179,7 +179,7 @@ fn a_tumbling_body_keeps_momentum_and_energy() {
 
 #[test]
 fn an_impulse_off_centre_moves_and_turns_as_newton_and_euler_say() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.gravity_mps2 = [0.0; 3];
     let mut plant = Plant::new(params, 1).expect("good parameters");
     for cable in 0..4 {
@@ -204,7 +204,7 @@ fn an_impulse_off_centre_moves_and_turns_as_newton_and_euler_say() {
 fn the_step_is_short_enough_for_the_stiffest_motion() {
     // A platform that bounces on 50 kN cables, at the default step and at a tenth of it.
     let bounce = |step_s: f64| {
-        let mut params = PlantParams::paper_table5();
+        let mut params = PlantParams::paper_optimistic();
         params.step_s = step_s;
         let mut plant = at_rest(params, &off_centre(), 5.0);
         plant

@@ -5,7 +5,7 @@ use super::*;
 
 /// A weight on a line on a winch with this gear: 20 mm drum, 43:1, rotor of 1e-6 kg m^2.
 fn geared(mass_kg: f64, gear: GearParams) -> Plant {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.cables.truncate(1);
     params.winches.truncate(1);
     let cable = &mut params.cables[0];
@@ -162,7 +162,7 @@ fn the_motor_turns_through_the_play_before_the_drum() {
 
 #[test]
 fn an_eccentric_drum_pays_out_what_its_shape_says() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.winches[0].eccentricity_m = 1e-4;
     params.winches[0].eccentric_rad = 0.5;
     let mut plant = winches_alone(params);

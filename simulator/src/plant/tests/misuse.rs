@@ -3,7 +3,7 @@
 use super::*;
 
 fn refused(change: impl FnOnce(&mut PlantParams)) -> String {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     change(&mut params);
     Plant::new(params, 1)
         .expect_err("must be refused")
@@ -73,7 +73,7 @@ fn parameters_out_of_range_are_named() {
 
 #[test]
 fn bad_poses_tensions_and_indices_are_refused_and_change_nothing() {
-    let mut plant = at_rest(PlantParams::paper_table5(), &off_centre(), 5.0);
+    let mut plant = at_rest(PlantParams::paper_optimistic(), &off_centre(), 5.0);
     let before = plant.truth().expect("a path");
     let inside = Pose::level([0.025_102 + 0.045 + 0.01, -0.370_603 + 0.065, 0.0241]);
     assert_eq!(
@@ -132,7 +132,7 @@ fn bad_poses_tensions_and_indices_are_refused_and_change_nothing() {
 #[test]
 fn no_equilibrium_is_said_so() {
     // A twisted pendulum on a single line turns for ever.
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.cables.truncate(1);
     params.winches.truncate(1);
     params.cables[0].pulley_radius_m = 0.0;
@@ -149,7 +149,7 @@ fn no_equilibrium_is_said_so() {
 
 #[test]
 fn where_the_model_ends_time_stands_still_until_placed_again() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.gravity_mps2 = [0.0; 3];
     let mut plant = Plant::new(params, 1).expect("good parameters");
     plant.place_at(&off_centre(), &[0.0; 4]).expect("a path");
@@ -178,7 +178,7 @@ fn where_the_model_ends_time_stands_still_until_placed_again() {
 
 #[test]
 fn an_unstable_step_is_reported_and_never_returned() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.step_s = 1e-3;
     for cable in &mut params.cables {
         cable.ea_n = 5e7;
@@ -199,7 +199,7 @@ fn an_unstable_step_is_reported_and_never_returned() {
 
 #[test]
 fn a_drum_that_winds_in_everything_is_an_error() {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     make_ready(&mut plant, 0, Mode::Velocity);
     plant
         .command(0, DriveCommand::Velocity { rpm: -8000 })
@@ -210,7 +210,7 @@ fn a_drum_that_winds_in_everything_is_an_error() {
 
 #[test]
 fn a_disturbed_winding_changes_the_cable_but_not_the_encoder() {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     make_ready(&mut plant, 0, Mode::Position);
     let start = plant.truth().expect("a path").unstretched_lengths_m[0];
     let mut go = |metres: f64| {

@@ -14,7 +14,7 @@ fn turn_to(plant: &mut Plant, metres: f64) {
 }
 
 fn turning() -> Plant {
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     make_ready(&mut plant, 0, Mode::Position);
     plant
 }
@@ -26,7 +26,7 @@ fn counter(plant: &mut Plant) -> u16 {
 #[test]
 fn an_encoder_counts_whole_steps_and_wraps() {
     for encoder_sign in [1_i8, -1] {
-        let mut params = PlantParams::paper_table5();
+        let mut params = PlantParams::paper_optimistic();
         params.winches[0].encoder_sign = encoder_sign;
         let mut plant = winches_alone(params);
         make_ready(&mut plant, 0, Mode::Position);
@@ -102,18 +102,18 @@ fn sensed(plant: &mut Plant) -> (f64, f64) {
 #[test]
 fn a_tension_sensor_follows_its_law_with_its_noise() {
     for tension_n in [2.0, 5.0, 8.0] {
-        let mut plant = at_rest(PlantParams::paper_table5(), &off_centre(), tension_n);
+        let mut plant = at_rest(PlantParams::paper_optimistic(), &off_centre(), tension_n);
         let (mean, sd) = sensed(&mut plant);
         // Four standard errors of 0.05 N over 4000 readings.
         assert!((mean - tension_n).abs() < 0.0032, "{mean}");
         assert!((sd - 0.05).abs() < 0.003, "{sd}");
     }
     // Without tension it shows its zero: 0.2355 V.
-    let mut plant = winches_alone(PlantParams::paper_table5());
+    let mut plant = winches_alone(PlantParams::paper_optimistic());
     let (mean, _) = sensed(&mut plant);
     assert!(mean.abs() < 0.0032, "{mean}");
     // The paper's full scale: 3.3 V are 39.13 N; beyond, the rail.
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.winches[3].sensor.noise_n = 0.0;
     let mut plant = Plant::new(params, 1).expect("good parameters");
     for (tension_n, reading) in [(39.0, 65_328), (39.2, 65_520), (100.0, 65_520)] {
@@ -126,7 +126,7 @@ fn a_tension_sensor_follows_its_law_with_its_noise() {
 
 #[test]
 fn tension_is_sensed_at_the_winch() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.cables[3].pulley_loss = 0.03;
     params.winches[3].sensor.noise_n = 0.0;
     let mut plant = at_rest(params, &off_centre(), 6.0);
@@ -149,7 +149,7 @@ fn tension_is_sensed_at_the_winch() {
 
 #[test]
 fn tension_faults_do_as_they_are_named() {
-    let mut plant = at_rest(PlantParams::paper_table5(), &off_centre(), 5.0);
+    let mut plant = at_rest(PlantParams::paper_optimistic(), &off_centre(), 5.0);
     let fault = |plant: &mut Plant, fault| {
         plant.faults_mut().cables[3].tension = fault;
         [plant.read_sensors().adc[3], plant.read_sensors().adc[3]]
@@ -182,7 +182,7 @@ fn tension_faults_do_as_they_are_named() {
 
 /// A busy second: motors, loss, load, noise. All readings and the final truth.
 fn busy(seed: u64) -> (Vec<Sensors>, Truth) {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     for cable in &mut params.cables {
         cable.pulley_loss = 0.02;
     }
@@ -219,7 +219,7 @@ fn a_seed_gives_the_same_run_bit_by_bit_and_another_does_not() {
 
 #[test]
 fn the_length_of_the_calls_does_not_matter() {
-    let mut plant = at_rest(PlantParams::paper_table5(), &off_centre(), 5.0);
+    let mut plant = at_rest(PlantParams::paper_optimistic(), &off_centre(), 5.0);
     plant
         .set_load([1.0, 0.0, 0.0], [0.0; 3], [0.0; 3])
         .expect("finite");

@@ -34,7 +34,7 @@ fn apart(plant: &Plant, a: &Pose, b: &Pose) -> f64 {
 const CLOSE_M: f64 = 1e-5;
 
 fn damped() -> PlantParams {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.platform.linear_damping_ns_per_m = 1.4 * 12.0;
     params.platform.angular_damping_nms = 0.05;
     params
@@ -48,7 +48,7 @@ fn settling_finds_the_least_energy() {
         (Pose::level([0.42, -0.1, -0.3]), 4.0),
         (Pose::level([0.25, -0.04, -0.5]), 4.0),
     ] {
-        let plant = at_rest(PlantParams::paper_table5(), &pose, tension_n);
+        let plant = at_rest(PlantParams::paper_optimistic(), &pose, tension_n);
         let truth = plant.truth().expect("a path");
         assert!((truth.tensions_platform_n[3] - tension_n).abs() < 1e-6);
         let error = apart(&plant, &truth.pose, &brute(&plant, None));
@@ -136,7 +136,7 @@ fn it_hangs_right_with_one_cable_slack() {
 
 #[test]
 fn forces_and_moments_balance_at_rest() {
-    let plant = at_rest(PlantParams::paper_table5(), &off_centre(), 5.0);
+    let plant = at_rest(PlantParams::paper_optimistic(), &off_centre(), 5.0);
     let truth = plant.truth().expect("a path");
     // With vertical swivel axes the pull's vertical part needs no geometry but the direction; the
     // sum over cables must carry the weight. Directions by differences of brute-force lengths.
@@ -157,7 +157,7 @@ fn forces_and_moments_balance_at_rest() {
 
 #[test]
 fn eight_cables_and_one_cable_settle_too() {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.cables.truncate(1);
     params.winches.truncate(1);
     params.cables[0].pulley_radius_m = 0.0;
@@ -171,7 +171,7 @@ fn eight_cables_and_one_cable_settle_too() {
     assert!(distance(truth.pose.position_m, [x, y, truth.pose.position_m[2]]) < 1e-6);
     assert!((truth.tensions_platform_n[0] - 1.4 * 9.81).abs() < 1e-6);
 
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     for i in 0..4 {
         let mut lower = params.cables[i].clone();
         lower.anchor_m[2] = -0.8;

@@ -4,7 +4,7 @@ use super::*;
 
 /// One cable straight down from a point anchor, a weight on it, and nothing else.
 fn weight_on_a_line(mass_kg: f64) -> PlantParams {
-    let mut params = PlantParams::paper_table5();
+    let mut params = PlantParams::paper_optimistic();
     params.cables.truncate(1);
     params.winches.truncate(1);
     let cable = &mut params.cables[0];
@@ -169,7 +169,7 @@ fn a_brake_opens_and_closes_after_its_delays() {
 #[test]
 fn a_constant_current_holds_a_tension_within_friction() {
     // The platform carried by brakes 1-3; cable 4 pulled by its motor alone.
-    let mut plant = at_rest(PlantParams::paper_table5(), &off_centre(), 5.0);
+    let mut plant = at_rest(PlantParams::paper_optimistic(), &off_centre(), 5.0);
     make_ready(&mut plant, 3, Mode::Current);
     let force_per_ma = plant.params().winches[3].force_per_ampere_n() * 1e-3;
     for milliamps in [-27_i16, -40, -20, -27] {
@@ -193,7 +193,7 @@ fn a_constant_current_holds_a_tension_within_friction() {
 fn position_mode_carries_the_platform_without_sag() {
     // A bare drum, and the geared winch with a real rotor: 344 kg at the cable.
     for rotor_inertia_kg_m2 in [0.0, 1e-6] {
-        let mut params = PlantParams::paper_table5();
+        let mut params = PlantParams::paper_optimistic();
         for winch in &mut params.winches {
             winch.rotor_inertia_kg_m2 = rotor_inertia_kg_m2;
         }
