@@ -178,7 +178,7 @@ fn settings_are_changed_by_messages_and_come_back_from_them() {
     };
     assert_eq!(first.changed(&own.message()).unwrap(), own);
     for (wrong, word) in [
-        (json!({ "robot": "none" }), "paper-optimistic"),
+        (json!({ "robot": "none" }), "paper-table5"),
         (json!({ "seed": -1 }), "seed"),
         (json!({ "tool_mm": [1, 2] }), "three numbers"),
         (json!({ "text": "x".repeat(300_000) }), "256 kB"),

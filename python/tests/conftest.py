@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = os.environ.get("MCDPR_PROGRAM", str(ROOT / "target" / "release" / "mcdpr"))
-ROBOTS = ["paper-optimistic", "lab-direct", "eight-cable", "point-anchor"]
+ROBOTS = ["paper-table5", "lab-direct", "eight-cable", "point-anchor"]
 
 
 def program(*words: str, lines: list[Any] | None = None, cwd: Path | None = None) -> Any:

@@ -77,7 +77,7 @@ def test_statics_equal_the_program(name: str) -> None:
 
 
 def test_forward_solvers_equal_the_program_and_come_back() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     position, attitude = poses(robot, 30, 3)
     lengths = robot.lengths(position, attitude)
     found = robot.fk(lengths, attitude)
@@ -86,7 +86,7 @@ def test_forward_solvers_equal_the_program_and_come_back() -> None:
         {"lengths_m": length.tolist(), "attitude_rad": a.tolist()}
         for length, a in zip(lengths, attitude)
     ]
-    answers = program("fk", "--batch", "--robot", "paper-optimistic", lines=lines)
+    answers = program("fk", "--batch", "--robot", "paper-table5", lines=lines)
     assert found.position_m.tolist() == [answer["position_m"] for answer in answers]
     assert found.iterations.tolist() == [answer["iterations"] for answer in answers]
     yaw = robot.fk(lengths, attitude, free="yaw")
@@ -99,7 +99,7 @@ def test_forward_solvers_equal_the_program_and_come_back() -> None:
 
 
 def test_the_pose_at_rest_equals_the_program() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     hanging = robot.statics([[0.30, 0.05, -0.2], [0.35, -0.1, -0.3]], {4: 10.0})
     found = robot.fk_static(hanging.lengths_m[:, :3], {4: 10.0})
     assert np.abs(found.position_m - hanging.position_m).max() < 1e-8
@@ -115,7 +115,7 @@ def test_the_pose_at_rest_equals_the_program() -> None:
 
 
 def test_the_work_space_equals_the_program() -> None:
-    for name, extra in (("paper-optimistic", []), ("eight-cable", ["--test", "wrench"])):
+    for name, extra in (("paper-table5", []), ("eight-cable", ["--test", "wrench"])):
         answer = program("workspace", "--step", "100", "--robot", name, *extra, "--json")
         found = mcdpr.Robot.load(name).workspace(0.1)
         assert list(found.verdicts.shape) == answer["grid"]
@@ -154,7 +154,7 @@ def test_tensions_balance_a_load() -> None:
 
 
 def test_the_jacobian_is_the_derivative_of_the_lengths() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     place, turned, h = np.array([0.3, 0.02, -0.2]), np.array([0.1, -0.05, 0.2]), 1e-6
     jacobian = robot.jacobian(place, turned, by="euler")
     for k in range(6):
@@ -165,7 +165,7 @@ def test_the_jacobian_is_the_derivative_of_the_lengths() -> None:
 
 
 def test_any_leading_shape() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     one = robot.ik([0.3, 0.0, -0.2])
     assert one.lengths_m.shape == (4,) and one.directions.shape == (4, 3)
     many = robot.ik(np.broadcast_to([0.3, 0.0, -0.2], (2, 5, 3)), np.zeros((5, 3)))
@@ -177,7 +177,7 @@ def test_any_leading_shape() -> None:
 
 
 def test_bad_arrays_are_refused_with_what_and_where() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     bad = np.full((2, 3, 3), 0.2)
     bad[1, 2, 0] = np.nan
     for call in (robot.ik, robot.statics, robot.jacobian, robot.lengths, robot.distribute):
@@ -199,7 +199,7 @@ def test_bad_arrays_are_refused_with_what_and_where() -> None:
 
 
 def test_a_refused_pose_of_an_array_is_named() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     places = np.broadcast_to([0.3, 0.0, -0.2], (2, 3, 3)).copy()
     places[1, 1] = [5.0, 0.0, -0.2]
     with pytest.raises(mcdpr.KinematicsError) as refused:
@@ -214,7 +214,7 @@ def test_a_refused_pose_of_an_array_is_named() -> None:
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_large_batch_on_all_processors_equals_its_rows(turned: bool) -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     place, attitude = poses(robot, 20_001, 9)
     cable = robot.values["cables"][0]
     inside = np.subtract(cable["anchor_in_world_m"], cable["attachment_in_platform_m"])
@@ -235,7 +235,7 @@ def test_the_lock_is_released() -> None:
     """Another thread goes on while a long call is under way."""
     import threading
 
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     places = np.broadcast_to([0.3, 0.0, -0.2], (20_000, 3))
     seen: list[float] = []
     over = threading.Event()
@@ -256,7 +256,7 @@ def test_the_lock_is_released() -> None:
 
 
 def test_stiffness_and_modes_of_many_places() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     places = np.array([[[0.30, 0.05, -0.2], [0.35, -0.1, -0.3]]])
     stiffness, modes = robot.stiffness(places), robot.modes(places)
     assert stiffness.shape == (1, 2, 6, 6) and modes.shape == (1, 2, 6)

@@ -13,7 +13,7 @@ from conftest import PROGRAM, program, refusal
 
 
 def test_a_plan_equals_the_program_s(tmp_path: Path) -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     plan = robot.plan("paper:table7")
     answer = program("plan", "paper:table7", "--json", cwd=tmp_path)
     assert plan.duration_s == answer["duration_s"]
@@ -34,7 +34,7 @@ def test_a_plan_equals_the_program_s(tmp_path: Path) -> None:
 
 
 def test_a_refused_plan_has_the_program_s_words_and_its_numbers(tmp_path: Path) -> None:
-    robot = mcdpr.Robot.load("paper-optimistic").edited({"limits.tilt_max_deg": 1.0})
+    robot = mcdpr.Robot.load("paper-table5").edited({"limits.tilt_max_deg": 1.0})
     file = tmp_path / "strict.toml"
     robot.save(file)
     with pytest.raises(mcdpr.PlanError) as refused:
@@ -54,7 +54,7 @@ def test_a_refused_plan_has_the_program_s_words_and_its_numbers(tmp_path: Path) 
 
 def test_a_simulated_run_is_the_program_s_to_the_last_bit(tmp_path: Path) -> None:
     answer = program("demo", "--seed", "5", "--json", "--record", str(tmp_path / "run"))
-    with mcdpr.Robot.load("paper-optimistic").sim(seed=5) as robot:
+    with mcdpr.Robot.load("paper-table5").sim(seed=5) as robot:
         run = robot.run("paper:table7")
     for figure in ("path_error_m", "cable_length_error_m", "tension_error_n"):
         assert run.figures[figure] == answer[figure]
@@ -82,7 +82,7 @@ def test_the_same_seed_is_the_same_machine() -> None:
 
 
 def test_a_fault_is_an_exception_and_the_session_goes_on() -> None:
-    with mcdpr.Robot.load("paper-optimistic").sim(seed=2) as robot:
+    with mcdpr.Robot.load("paper-table5").sim(seed=2) as robot:
         robot.move([0.30, 0.0, -0.2])
         before = robot.truth["tool_m"]
         assert np.abs(before - [0.30, 0.0, -0.2]).max() < 2e-3
@@ -102,7 +102,7 @@ def test_a_fault_is_an_exception_and_the_session_goes_on() -> None:
 
 
 def test_a_load_tilts_the_platform_as_the_statics_say() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     with robot.sim(seed=1, mismatch="exact") as session:
         session.arm()
         session.step(1.0)
@@ -130,7 +130,7 @@ def test_the_same_calls_move_a_robot_behind_a_port(tmp_path: Path) -> None:
         try:
             assert board.stdout is not None
             port = next(w for line in board.stdout for w in line.split() if "/dev/" in w)
-            robot = mcdpr.Robot.load("paper-optimistic")
+            robot = mcdpr.Robot.load("paper-table5")
             home = robot.values["tool"]["home_in_world_m"]
             with robot.connect(port, home, time_scale=float(scale)) as session:
                 run = session.move(np.array(home) + [0.0, 0.004, 0.0])
@@ -143,4 +143,4 @@ def test_the_same_calls_move_a_robot_behind_a_port(tmp_path: Path) -> None:
         finally:
             board.terminate()
     with pytest.raises(mcdpr.RunError, match="there is no serial port"):
-        mcdpr.Robot.load("paper-optimistic").connect("/dev/no-such-port")
+        mcdpr.Robot.load("paper-table5").connect("/dev/no-such-port")

@@ -37,7 +37,7 @@ def timed(value: Any) -> Any:
 
 
 def test_the_record_opens_as_a_robot(recorded: tuple[Path, Any]) -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     topics: dict[str, int] = {}
     frames: set[tuple[str, str]] = set()
     scenes: dict[str, Any] = {}

@@ -91,7 +91,7 @@ def test_a_calibration_is_the_program_s(measured: Path) -> None:
     k = found.unknowns.index("cable.2.anchor.y_m")
     assert 1e-6 < np.sqrt(covariance[k, k]) < 0.05
     # Two ways to the calibrated robot: the program's file, and the answer itself.
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     by_file = robot.calibrated(measured / "again.calibration.json")
     by_answer = robot.calibrated(found)
     assert by_file.is_calibrated and by_file.values == by_answer.values

@@ -30,7 +30,7 @@ def test_edits_are_new_robots_and_survive_a_save(tmp_path: Path) -> None:
 
 
 def test_a_wrong_edit_says_what_and_where() -> None:
-    robot = mcdpr.Robot.load("paper-optimistic")
+    robot = mcdpr.Robot.load("paper-table5")
     with pytest.raises(mcdpr.RobotError, match="mass_kg") as refused:
         robot.edited({"platform.mass_kg": -1.0})
     assert refused.value.problems[0]["place"] == "[platform]"

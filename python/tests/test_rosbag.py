@@ -51,7 +51,7 @@ def test_a_bag_says_what_the_record_says(recorded: tuple[Path, Any], bag: Path) 
     fixed = {m.transforms[0].child_frame_id for _, m in found["/tf_static"]}
     assert fixed == {"tool", "camera"}
     # What four cables pull carries the weight, as the statics have it.
-    weight = mcdpr.Robot.load("paper-optimistic").values["platform"]["mass_kg"] * 9.80665
+    weight = mcdpr.Robot.load("paper-table5").values["platform"]["mass_kg"] * 9.80665
     pulls = [found[f"/cables/cable_{k}/wrench"][-1][1].wrench.force for k in range(1, 5)]
     assert sum(force.z for force in pulls) == pytest.approx(weight, rel=0.1)
     status = [m.status[0] for _, m in found["/diagnostics"]]

@@ -245,7 +245,7 @@ def test_the_robot_calibrates_itself_and_a_cancelled_calibration_writes_nothing(
     send = ("mcdpr/calibrate/_action/send_goal", m.CalibrateSendGoalRequest, m.CalibrateSendGoalReply)
     ask = ("mcdpr/calibrate/_action/get_result", m.CalibrateGetResultRequest, m.CalibrateGetResultReply)
     end = ("mcdpr/calibrate/_action/cancel_goal", m.CancelGoalRequest, m.CancelGoalReply)
-    file = tmp_path / "paper-optimistic.calibration.json"
+    file = tmp_path / "paper-table5.calibration.json"
     # Poses take some seconds each; the simulated robot is in a hurry here.
     with serving(tmp_path, DOMAIN + 1, "--time-scale", "8"):
         ros = Ros(DOMAIN + 1)
@@ -271,7 +271,7 @@ def test_the_robot_calibrates_itself_and_a_cancelled_calibration_writes_nothing(
         assert "under way" in ros.move_to(*PLACE).message
         result, _ = ros.call(*ask, goal_id(22))
         assert (result.status, result.reached) == (4, True) and "predicted position error" in result.message, result
-        assert json.loads(file.read_text())["robot"] == "paper-optimistic"
+        assert json.loads(file.read_text())["robot"] == "paper-table5"
         assert values(ros.state("Disarmed"))["brakes_open"] == "0b0"
 
 

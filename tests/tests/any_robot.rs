@@ -110,7 +110,7 @@ fn an_attitude_is_followed_where_there_is_one_and_refused_where_not() {
     let tilt = end.equilibrium.pose.tilt_rad().to_degrees();
     assert!((tilt - 8.0).abs() < 1e-6, "{tilt}");
     for (name, at, why) in [
-        ("paper-optimistic", "[335, 0, -180]", "gravity decides"),
+        ("paper-table5", "[335, 0, -180]", "gravity decides"),
         ("three-point", "[0, 0, 700]", "meet in one point"),
     ] {
         let task = Task::parse(&text(at), "tilt.toml".into()).unwrap();

@@ -11,7 +11,7 @@ use mcdpr_simulator::{LinkOptions, Simulation};
 use nalgebra::Vector3;
 
 /// The robots whose cables hold a platform, and whose board is the one of four winches or more.
-const ROBOTS: [&str; 3] = ["paper-optimistic", "lab-fast", "lab-direct"];
+const ROBOTS: [&str; 3] = ["paper-table5", "lab-fast", "lab-direct"];
 /// Where they hang, m from home.
 const PLACES: [[f64; 3]; 3] = [[0.0; 3], [0.04, 0.03, 0.02], [-0.04, 0.02, -0.03]];
 

@@ -19,7 +19,7 @@ use mcdpr_tests::chip::firmware;
 
 /// A chip, prepared before it runs, in front of the paper's robot; the board has no configuration.
 fn board(prepare: impl FnOnce(&mut Chip)) -> (SimulatedLink, SharedChip) {
-    let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let home = model.rest_at_home().unwrap();
     let params = machine::plant_params(model.robot(), &Mismatch::realistic(), 3);
     let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
@@ -189,7 +189,7 @@ fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
     assert!(matches!(refused, Err(BenchError::OtherFirmware { .. })));
     assert!(!chip.with(|chip| chip.brakes_ever_opened()));
 
-    let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let line = LinkOptions::default();
     let link = SimulatedRobot::new(Mismatch::realistic(), 1)
         .line(line)
@@ -234,7 +234,7 @@ impl Link for Beating {
 
 #[test]
 fn an_armed_board_is_neither_tested_nor_flashed() {
-    let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let line = LinkOptions::default();
     let link = SimulatedRobot::new(Mismatch::realistic(), 1)
         .line(line)

@@ -26,8 +26,8 @@ fn a_run_of_before_is_judged_and_moves_in_the_drawing_until_the_robot_moves() {
     let _alone = alone();
     let folder = Folder::new("cockpit-runs");
     let at = folder.path();
-    run(at, "paper:table8", "paper-optimistic", "2026-01-01-line");
-    run(at, "paper:table7", "paper-optimistic", "2026-01-02-circle");
+    run(at, "paper:table8", "paper-table5", "2026-01-01-line");
+    run(at, "paper:table7", "paper-table5", "2026-01-02-circle");
     run(at, "fitting", "eight-cable", "2026-01-03-other");
     std::fs::create_dir(at.join("runs/2026-01-04-broken")).unwrap();
     std::fs::write(at.join("runs/2026-01-04-broken/run.mcap"), b"no record").unwrap();
@@ -58,7 +58,7 @@ fn a_run_of_before_is_judged_and_moves_in_the_drawing_until_the_robot_moves() {
     wait(&mut page, "mcdpr.runs.run && Scene.past");
     let words = page.text("run-words");
     assert!(
-        words.contains("paper-optimistic") && words.contains("table7"),
+        words.contains("paper-table5") && words.contains("table7"),
         "{words}"
     );
     let figures = page.text("run-figures");
@@ -143,8 +143,8 @@ fn reports_and_comparisons_open_and_other_files_do_not() {
     let _alone = alone();
     let folder = Folder::new("cockpit-reports");
     let at = folder.path();
-    run(at, "paper:table8", "paper-optimistic", "a");
-    run(at, "paper:table8", "paper-optimistic", "b");
+    run(at, "paper:table8", "paper-table5", "a");
+    run(at, "paper:table8", "paper-table5", "b");
     std::fs::write(at.join("secret"), "secret").unwrap();
     let serve = Serve::start_in(at, &["--idle"]);
     let mut browser = Browser::start();

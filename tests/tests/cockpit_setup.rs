@@ -104,7 +104,7 @@ fn the_doctor_and_the_rig_are_run_from_the_page_and_a_failure_says_what_to_do() 
     let shown = page.text("step-doctor-line");
     assert_eq!(
         shown,
-        "mcdpr doctor --robot paper-optimistic --time-scale 20"
+        "mcdpr doctor --robot paper-table5 --time-scale 20"
     );
     disabled(&mut page, "step-doctor-stop", "does not run");
     page.click("#step-doctor-run");
@@ -247,12 +247,12 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
         assert!(result.contains(part), "{result}");
     }
     // It is used only once it is accepted.
-    let file = folder.path().join("paper-optimistic.calibration.json");
+    let file = folder.path().join("paper-table5.calibration.json");
     assert!(
         !file.exists()
             && folder
                 .path()
-                .join("paper-optimistic.calibration.new.json")
+                .join("paper-table5.calibration.new.json")
                 .exists()
     );
     wait(
@@ -264,7 +264,7 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
     let accepted = std::fs::read_to_string(&file).unwrap();
     assert!(
         page.text("kept-words")
-            .contains("paper-optimistic.calibration.json")
+            .contains("paper-table5.calibration.json")
     );
     // The server uses it once it has read it: the page shows the anchors that were found.
     page.run("window.anchors = JSON.stringify(mcdpr.robot.cables)");
@@ -284,12 +284,12 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
     assert!(!file.exists());
     let undone = folder
         .path()
-        .join("paper-optimistic.calibration.json.undone");
+        .join("paper-table5.calibration.json.undone");
     assert_eq!(std::fs::read_to_string(undone).unwrap(), accepted);
     // The data can be solved again, without a robot; the result can be discarded.
     page.fill(
         "step-calibrate-data",
-        "paper-optimistic.calibration-data.json",
+        "paper-table5.calibration-data.json",
     );
     wait(
         &mut page,

@@ -64,7 +64,7 @@ fn with_board(name: &str) -> Robot {
 
 #[test]
 fn collected_data_calibrate_the_robot() {
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let mut steps = Vec::new();
     let data = on_simulator(&robot, &options(12, 7), None, |_| Ok(()), |s| steps.push(s)).unwrap();
     assert_eq!(data.poses.len(), 12);
@@ -85,7 +85,7 @@ fn collected_data_calibrate_the_robot() {
 
 #[test]
 fn a_stop_by_order_ends_the_collection_and_keeps_what_was_measured() {
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let options = options(12, 7);
     let orders = options.orders.clone();
     let mut kept = 0;
@@ -113,7 +113,7 @@ fn a_stop_by_order_ends_the_collection_and_keeps_what_was_measured() {
 
 #[test]
 fn a_broken_off_collection_is_continued() {
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let mut kept: Option<Data> = None;
     // The disk is full after the fifth pose.
     let broken = on_simulator(
@@ -166,7 +166,7 @@ fn it_stops_when_the_expected_error_is_small_enough() {
     wanted.target_error_m = Some(1.5e-3);
     let mut last = f64::NAN;
     let data = on_simulator(
-        &with_board("paper-optimistic"),
+        &with_board("paper-table5"),
         &wanted,
         None,
         |_| Ok(()),
@@ -186,7 +186,7 @@ fn it_stops_when_the_expected_error_is_small_enough() {
 
 #[test]
 fn a_target_out_of_view_is_named() {
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
     let link = SimulatedRobot::new(Mismatch::as_built(), 1).at_home(&model);
     let link = link.unwrap();
@@ -229,7 +229,7 @@ impl TagSource for Unreliable {
 
 #[test]
 fn s12_lost_tags_cost_their_pose_and_a_wrong_sight_is_named_and_moves_nothing() {
-    let robot = with_board("paper-optimistic");
+    let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
     let link = SimulatedRobot::new(Mismatch::as_built(), 6).at_home(&model);
     let link = link.unwrap();
@@ -291,7 +291,7 @@ impl TagSource for Blinded {
 
 #[test]
 fn poses_that_all_give_nothing_end_it_and_the_robot_goes_home() {
-    let robot = with_board("paper-optimistic");
+    let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
     let built = Mismatch::as_built();
     let link = SimulatedRobot::new(built, 4).at_home(&model).unwrap();
@@ -389,7 +389,7 @@ fn middle(places: &[Place]) -> Place {
 fn pictures_calibrate_a_robot() {
     const SEED: u64 = 5;
     let folder = folder("pictures");
-    let robot = with_board("paper-optimistic");
+    let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
     let (built, on) = (Mismatch::as_built(), LinkOptions::default());
     let link = SimulatedRobot::new(built, SEED)
@@ -406,7 +406,7 @@ fn pictures_calibrate_a_robot() {
     };
     let mut found = Vec::new();
     let options = Options {
-        described: Some(Robot::built_in("paper-optimistic").unwrap().content_hash()),
+        described: Some(Robot::built_in("paper-table5").unwrap().content_hash()),
         ..options(12, SEED)
     };
     let photograph = |data: &Data| {
@@ -457,14 +457,14 @@ fn pictures_calibrate_a_robot() {
 fn a_reassembled_robot_tracks_as_before() {
     let folder = folder("reassembly");
     let old = std::fs::read_to_string(format!(
-        "{}/../robots/paper-optimistic.toml",
+        "{}/../robots/paper-table5.toml",
         env!("CARGO_MANIFEST_DIR")
     ))
     .unwrap();
     std::fs::write(folder.join("old.toml"), &old).unwrap();
     // The new frame is 80 mm longer and 60 mm narrower, as measured with a tape.
     let new = old
-        .replace("name = \"paper-optimistic\"", "name = \"reassembled\"")
+        .replace("name = \"paper-table5\"", "name = \"reassembled\"")
         .replace("[25.102, -370.603, 24.1]", "[-15, -340, 30]")
         .replace("[40.201, 384.903, 24.2]", "[0, 355, 30]")
         .replace("[644.503, 370.101, 24.5]", "[685, 340, 30]")
@@ -510,13 +510,13 @@ fn a_reassembled_robot_tracks_as_before() {
 #[test]
 fn f8_f9_a_calibration_is_kept_whole_and_used_only_where_it_belongs() {
     let folder = folder("kept");
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let data = on_simulator(&robot, &options(10, 2), None, |_| Ok(()), |_| {}).unwrap();
     let data_file = folder.join("data.json");
     std::fs::write(&data_file, data.to_json().to_string()).unwrap();
     let (code, _, err) = run(&folder, &["calibrate", "all", "--data", "data.json"]);
     assert_eq!(code, Some(0), "{err}");
-    let file = folder.join("paper-optimistic.calibration.json");
+    let file = folder.join("paper-table5.calibration.json");
     let first = std::fs::read_to_string(&file).unwrap();
     let kept: Value = serde_json::from_str(&first).unwrap();
     for key in ["date", "data_hash", "robot_hash"] {
@@ -546,7 +546,7 @@ fn f8_f9_a_calibration_is_kept_whole_and_used_only_where_it_belongs() {
             "--robot",
             "lab-fast",
             "--calibration",
-            "paper-optimistic.calibration.json",
+            "paper-table5.calibration.json",
         ],
     );
     assert_eq!(code, Some(1));

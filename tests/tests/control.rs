@@ -19,7 +19,7 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
-        let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
         let mismatch = Mismatch::realistic();
         let link = SimulatedRobot::new(mismatch, 1).at_home(&model).unwrap();
         link.with(Simulation::record_truth);

@@ -168,7 +168,7 @@ fn an_encoder_that_counts_the_other_way_shows_when_it_arms() {
 
 /// The simulated paper's robot with these faults, examined.
 fn examined(break_it: impl FnOnce(&mut Faults)) -> Vec<Finding> {
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
     let link: SimulatedLink = SimulatedRobot::new(Mismatch::realistic(), 5)
         .at_home(&model)

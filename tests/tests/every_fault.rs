@@ -13,7 +13,7 @@ use mcdpr_protocol::FaultId;
 
 /// The paper's robot; with CiA 402 drives where a row needs their reports.
 fn robot(ids: &[FaultId]) -> Robot {
-    let mut robot = Robot::built_in("paper-optimistic").unwrap();
+    let mut robot = Robot::built_in("paper-table5").unwrap();
     if ids.contains(&FaultId::D6) {
         for winch in &mut robot.winches {
             winch.drive = DriveKind::Cia402;

@@ -21,7 +21,7 @@ struct Aftermath {
 
 /// Runs a line, injects a fault once the path time has come to `at_s`, waits until all is still.
 fn with_fault(at_s: f64, inject: impl Fn(&mut Plant)) -> Aftermath {
-    let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
     let task = Task::parse(text, "line.toml".into()).unwrap();
     let link = SimulatedRobot::new(Mismatch::default(), 1)

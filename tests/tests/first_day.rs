@@ -267,7 +267,7 @@ fn a_winch_that_is_not_there_is_named() {
 
 /// Arms a robot whose brakes have play, and disarms it again; `stated_m` is what the board knows of it.
 fn armed_and_disarmed(play_m: f64, stated_m: f64) -> Result<(), String> {
-    let mut built = Robot::built_in("paper-optimistic").unwrap();
+    let mut built = Robot::built_in("paper-table5").unwrap();
     let mut says = built.clone();
     for (winch, reported) in built.winches.iter_mut().zip(&mut says.winches) {
         winch.brake_play_m = play_m;

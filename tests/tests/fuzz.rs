@@ -111,7 +111,7 @@ macro_rules! robots {
 
 #[test]
 fn f1_no_text_is_too_much_for_the_reader_of_robot_files() {
-    let robots = robots!["paper-optimistic", "eight-cable", "planar-four", "lab-fast"];
+    let robots = robots!["paper-table5", "eight-cable", "planar-four", "lab-fast"];
     taken("robot", 1_500, &robots, files::robot_file);
 }
 
@@ -194,7 +194,7 @@ fn any_robot_with_any_task_is_planned_or_refused() {
 fn robots_that_cannot_be_driven_are_refused_with_the_key() {
     use mcdpr::motion::Model;
     use mcdpr::robot::Robot;
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let mut three = robot.clone();
     three.cables.truncate(3);
     three.winches.truncate(3);

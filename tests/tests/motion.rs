@@ -33,7 +33,7 @@ fn line(from: Vector3<f64>, to: Vector3<f64>, speed_mps: Option<f64>) -> Vec<Ste
 
 #[test]
 fn every_kind_of_bad_motion_is_refused_with_its_reason() {
-    let model = model("paper-optimistic");
+    let model = model("paper-table5");
     let home = model.robot().tool.home_in_world_m;
     let refused = |steps: &[Step], words: &str| {
         let error = Plan::new(&model, &home, steps).unwrap_err();
@@ -113,7 +113,7 @@ fn bad_task_files_are_refused_with_leg_and_reason() {
 
 #[test]
 fn curves_waits_and_the_gripper_run_and_long_tasks_are_planned_at_once() {
-    let model = model("paper-optimistic");
+    let model = model("paper-table5");
     let text = "start_mm=[255,-105,-180]\nspeed_mm_s=40\n\
         [[leg]]\nthrough_mm=[[275,-95,-175],[295,-105,-180],[315,-95,-185]]\n\
         [[leg]]\ngripper=\"close\"\n[[leg]]\ndwell_s=0.5\n[[leg]]\npoints_mm=[[300,-100,-180],[290,-100,-180]]";
@@ -371,7 +371,7 @@ fn a_jog_moves_as_ordered_stops_by_itself_and_at_a_limit() {
 
 #[test]
 fn a_board_that_lost_its_lengths_is_not_taken_to_hang_at_home() {
-    let model = model("paper-optimistic");
+    let model = model("paper-table5");
     let link = SimulatedRobot::new(Mismatch::default(), 1)
         .at_home(&model)
         .unwrap();

@@ -11,7 +11,7 @@ use mcdpr_protocol::{FaultId, PROTOCOL_MINOR, Request, SessionId};
 use mcdpr_simulator::{LinkOptions, WireFaults, WireVersion};
 
 fn model() -> Model {
-    Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
 }
 
 fn robot(model: &Model, options: &LinkOptions, seed: u64) -> SimulatedLink {

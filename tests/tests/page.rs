@@ -33,7 +33,7 @@ fn the_page_shows_the_moving_robot() {
         &mut page,
         "document.getElementById('state').textContent === 'Moving'",
     );
-    assert_eq!(page.text("name"), "paper-optimistic");
+    assert_eq!(page.text("name"), "paper-table5");
     assert_eq!(page.text("source"), "simulated truth");
     let cells =
         "[...document.querySelectorAll('#cables td:nth-child(4)')].map(c => +c.textContent)";

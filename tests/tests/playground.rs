@@ -65,7 +65,7 @@ fn a_run_in_the_page_is_that_of_the_program_to_the_last_bit() {
     stop(&mut page);
     page.click("#tab-sim");
     // A robot of four cables as it opens, and one of eight, with other errors.
-    for (robot, seed) in [("paper-optimistic", 1), ("eight-cable", 7)] {
+    for (robot, seed) in [("paper-table5", 1), ("eight-cable", 7)] {
         page.fill("sim-robots", robot);
         page.fill("sim-seed", &seed.to_string());
         page.click("#sim-restart");
@@ -221,7 +221,7 @@ fn record(folder: &Path, robot: &str, name: &str) -> PathBuf {
 fn records_of_the_program_are_opened_drawn_and_charted() {
     let _alone = alone();
     let folder = Folder::new("playground-records");
-    let paper = record(folder.path(), "paper-optimistic", "paper");
+    let paper = record(folder.path(), "paper-table5", "paper");
     let eight = record(folder.path(), "eight-cable", "eight");
     let torn = folder.path().join("torn.mcap");
     let bytes = std::fs::read(&paper).unwrap();

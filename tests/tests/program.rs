@@ -134,13 +134,13 @@ fn f1_f2_k2_bad_robot_files_are_refused_with_what_where_and_remedy() {
         path.display().to_string()
     };
     let good = std::fs::read_to_string(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/paper-optimistic.toml"),
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/paper-table5.toml"),
     )
     .unwrap();
     refused(
         mcdpr().args(["--robot", "no-such-robot"]),
         1,
-        &["no-such-robot", "paper-optimistic"],
+        &["no-such-robot", "paper-table5"],
     );
     let broken = robot("broken.toml", "name = \"x\nmass");
     refused(mcdpr().args(["--robot", &broken]), 1, &["broken.toml"]);

@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 const TASK: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [275, -85, -180]\n";
 
 fn model() -> Model {
-    Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
 }
 
 fn scenario() -> Scenario {
@@ -34,7 +34,7 @@ fn scenario() -> Scenario {
         text: Some(TASK.to_owned()),
         tool_z_m: -0.18,
     };
-    mcdpr::record::starting_now("paper-optimistic", task, 11, machine)
+    mcdpr::record::starting_now("paper-table5", task, 11, machine)
 }
 
 /// Runs the short task, seen by an event bus.

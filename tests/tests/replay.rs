@@ -50,7 +50,7 @@ impl Link for Replay {
 
 #[test]
 fn a_recorded_run_replays_bit_by_bit_noise_and_retransmissions_included() {
-    let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [275, -85, -180]\n";
     let task = || Task::parse(text, "short.toml".into()).unwrap();
     let faults = WireFaults {

@@ -11,7 +11,7 @@ use mcdpr_protocol::FaultId;
 
 /// A line of some three seconds on the paper's robot.
 fn run(words: &[&str]) -> Aftermath {
-    run_on(&Robot::built_in("paper-optimistic").unwrap(), words)
+    run_on(&Robot::built_in("paper-table5").unwrap(), words)
 }
 
 fn run_on(robot: &Robot, words: &[&str]) -> Aftermath {
@@ -73,7 +73,7 @@ fn l1_l3_l4_l9_s1_what_passes_by_does_not_end_the_motion() {
 
 #[test]
 fn d2_d6_what_a_cia402_drive_reports_stops_the_robot_and_an_rmds_can_not_report() {
-    let mut robot = Robot::built_in("paper-optimistic").unwrap();
+    let mut robot = Robot::built_in("paper-table5").unwrap();
     let hot = Scenario::from_words(&["D6@1s".to_owned()], 4).unwrap();
     let words = hot.suits(&robot).unwrap_err().to_string();
     assert!(words.contains("RMDS"), "{words}");

@@ -88,7 +88,7 @@ fn finding(model: &Model, tools: &[usize], slip: (usize, f64), view: bool, seed:
 
 #[test]
 fn an_honest_robot_gives_a_false_alarm_in_fewer_than_one_of_a_thousand_checks() {
-    let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let (mut one, mut five, mut tag) = (0, 0, 0);
     let checks = 4000;
     for seed in 0..checks {
@@ -110,7 +110,7 @@ fn an_honest_robot_gives_a_false_alarm_in_fewer_than_one_of_a_thousand_checks() 
 
 #[test]
 fn a_slip_shows_at_one_pose_and_the_cable_after_five_or_with_a_tag() {
-    let model = Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let (mut small, mut shown, mut by_five, mut by_tag, mut all) = (0, 0, 0, 0, 0);
     let mut anywhere = [0; 5];
     for cable in 0..4 {
@@ -143,7 +143,7 @@ fn a_slip_shows_at_one_pose_and_the_cable_after_five_or_with_a_tag() {
 
 /// The simulated robot of a seed as a workshop builds it, calibrated by a board.
 fn calibrated(seed: u64) -> Robot {
-    let designed = Robot::built_in("paper-optimistic").unwrap();
+    let designed = Robot::built_in("paper-table5").unwrap();
     let mut robot = designed.clone();
     robot.tags = target::tags(Target::Board);
     let model = Model::new(&robot).unwrap();
@@ -224,7 +224,7 @@ fn a_running_robot_that_was_calibrated_shows_a_slip_where_it_hangs() {
 
 #[test]
 fn a_bent_frame_is_no_slip() {
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
     let mut bent = robot;
     bent.cables[0].anchor_in_world_m += Vector3::new(8e-3, -5e-3, 3e-3);

@@ -8,7 +8,7 @@
 //! ```
 //! use mcdpr_core::robot::Robot;
 //!
-//! let robot = Robot::built_in("paper-optimistic")?;
+//! let robot = Robot::built_in("paper-table5")?;
 //! // 8000 motor rpm through 371.13:1 onto a 20 mm drum: 45 mm/s.
 //! assert!((robot.winches[0].max_cable_speed_mps() - 0.0451).abs() < 1e-4);
 //! # Ok::<(), mcdpr_core::robot::RobotError>(())
@@ -47,12 +47,12 @@ use read::Reader;
 /// The robots that the program carries: name and text of each file in `robots/`.
 pub const BUILT_IN: &[(&str, &str)] = &[
     (
-        "paper-optimistic",
-        include_str!("../../../robots/paper-optimistic.toml"),
-    ),
-    (
         "paper-table5",
         include_str!("../../../robots/paper-table5.toml"),
+    ),
+    (
+        "paper-optimistic",
+        include_str!("../../../robots/paper-optimistic.toml"),
     ),
     (
         "paper-table3",

@@ -105,7 +105,7 @@ fn open(common: &Common) -> miette::Result<Box<dyn Link>> {
     if common.controller.firmware().is_none() {
         return Err(BenchError::NoChip.into());
     }
-    let robot = Robot::built_in("paper-optimistic")?;
+    let robot = Robot::built_in("paper-table5")?;
     let link = SimulatedRobot::new(Mismatch::realistic(), common.seed)
         .controller(&common.controller)
         .at_home(&Model::new(&robot)?)?;

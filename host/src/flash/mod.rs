@@ -200,7 +200,7 @@ impl Image {
             reason,
         };
         let robot =
-            Robot::built_in("paper-optimistic").map_err(|error| stranger(error.to_string()))?;
+            Robot::built_in("paper-table5").map_err(|error| stranger(error.to_string()))?;
         let model = Model::new(&robot).map_err(|error| stranger(error.to_string()))?;
         // Any robot does: only the greeting is awaited.
         let link = SimulatedRobot::new(Mismatch::default(), 1)

@@ -71,7 +71,7 @@ impl Link for Loaded {
 /// Collects ten poses; on the way to the third the platform is loaded. Gives why poses were left out,
 /// and how often the board came to be disarmed: at its start, at the end, and where brakes closed between.
 fn collected(seed: u64, load_n: fn(f64) -> f64) -> Result<(Vec<String>, usize), CollectError> {
-    let robot = with_board("paper-optimistic");
+    let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
     let built = Mismatch::as_built();
     let link = SimulatedRobot::new(built, seed).at_home(&model).unwrap();

@@ -56,7 +56,7 @@ impl Link for Slipping {
 
 #[test]
 fn a_cable_that_slips_on_the_way_to_any_pose_is_named() {
-    let robot = with_board("paper-optimistic");
+    let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
     // On the way to the second, the seventh and the last of twelve poses.
     for (seed, done, cable, slip_m) in [(3, 1, 1, 1e-3), (4, 6, 2, -1e-3), (4, 11, 0, 1e-3)] {

@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 const NOISE_RAD: f64 = 9e-4;
 
 fn with_imu() -> Robot {
-    let mut robot = with_board("paper-optimistic");
+    let mut robot = with_board("paper-table5");
     robot.imu = Some(Imu {
         noise_rad: NOISE_RAD,
         baud: 115_200,
@@ -132,14 +132,14 @@ fn one_that_is_unplugged_ends_the_collection() {
 fn one_that_cannot_be_meant_is_refused_before_anything_moves() {
     let folder = folder("imu");
     let own = folder.join("own.toml");
-    let built_in = include_str!("../../../robots/paper-optimistic.toml");
+    let built_in = include_str!("../../../robots/paper-table5.toml");
     std::fs::write(&own, format!("{built_in}\n[imu]\nkind = \"serial\"\n")).unwrap();
     let own = own.display().to_string();
     let collect = ["calibrate", "collect", "--imu", "/dev/null", "--robot"];
     let refused = [
         (vec![own.as_str()], "has its own inclinometer"),
         (
-            vec!["paper-optimistic", "--on", "/dev/none"],
+            vec!["paper-table5", "--on", "/dev/none"],
             "no inclinometer",
         ),
     ];

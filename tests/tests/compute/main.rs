@@ -129,7 +129,7 @@ fn poses(robot: &str, count: usize, angle: f64) -> Vec<Value> {
 }
 
 const SPATIAL: [&str; 5] = [
-    "paper-optimistic",
+    "paper-table5",
     "paper-table3",
     "lab-fast",
     "point-anchor",
@@ -194,7 +194,7 @@ fn lengths_lead_back_to_the_pose() {
 #[test]
 fn the_jacobian_is_the_derivative_of_the_lengths() {
     let step = 1e-6;
-    for robot in ["paper-optimistic", "eight-cable", "planar-four"] {
+    for robot in ["paper-table5", "eight-cable", "planar-four"] {
         let poses = if robot == "planar-four" {
             vec![json!({"position_m": [0.1, 0.0, 0.6], "attitude_rad": [0.1, -0.2, 0.3]})]
         } else {
@@ -243,7 +243,7 @@ fn the_jacobian_is_the_derivative_of_the_lengths() {
 
 #[test]
 fn hanging_poses_balance_and_come_back_from_their_lengths() {
-    for robot in ["paper-optimistic", "lab-fast", "point-anchor"] {
+    for robot in ["paper-table5", "lab-fast", "point-anchor"] {
         let description = mcdpr::robot::find(robot).unwrap();
         let mut seeded = Seeded(3);
         let places: Vec<_> = (0..200)

@@ -108,7 +108,7 @@ fn equilibria(rule: &str) {
         })
         .collect();
     let output = run(&["statics", "--tool", "--batch"], &lines);
-    let limits = Robot::built_in("paper-optimistic").unwrap().limits;
+    let limits = Robot::built_in("paper-table5").unwrap().limits;
     let rests = text(&output.stdout);
     assert_eq!(rests.lines().count(), points.len());
     for ((at, verdict), rest) in points.iter().zip(rests.lines()) {
@@ -159,7 +159,7 @@ fn the_force_workspace_is_where_some_tension_of_cable_four_balances() {
             "--test", "forces", "--origin", "--step", "30", "--slice", "z=-100",
         ],
     );
-    let robot = Robot::built_in("paper-optimistic").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let (least, most) = (robot.limits.tension_min_n, robot.limits.tension_max_n);
     let lines: Vec<_> = points
         .iter()
