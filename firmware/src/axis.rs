@@ -63,6 +63,11 @@ impl Axis {
         }
     }
 
+    /// The motor carries its load this far from where it was zeroed, 0.1 µm: from here on that is the set-point.
+    pub const fn shift(&mut self, by: i32) {
+        self.zero_length = self.zero_length.saturating_sub(by);
+    }
+
     /// Learns from one tick under torque: lengths by the motor and by the drum encoder, 0.1 µm.
     #[inline]
     pub fn learn(&mut self, config: &CableConfig, target: &Target, by_motor: i32, length: i32) {

@@ -11,6 +11,7 @@
 //! friction must be subtracted. Both are in the configuration. After the push the motor returns to
 //! where it carried the load, so that no drum falls through the play when its brake opens. A drive
 //! that holds a position has an integral, which goes on to push: it takes its load up again first.
+//! Where the motor was before says nothing behind play: after a loss of power it may be anywhere in it.
 
 use crate::config::{Active, CableConfig, Control};
 
@@ -40,18 +41,22 @@ const LEAST_RELEASE_MN: i32 = 8;
 /// its friction, not of its inertia.
 const THROUGH_PLAY: i32 = 50;
 const FASTEST_UMPS: i32 = 5000;
+/// From where it was a motor goes on towards the load by this, 0.1 µm per tick (1 mm/s): slowly, because behind the play
+/// a stiff gear winds up.
+// A gear of 300 N m/rad behind a drum of 20 mm: 0.75 N a tick.
+const INTO_LOAD: i32 = 10;
 // From rest to 5 mm/s in 100 ms.
 const FASTER_UMPS: i32 = 50;
 /// Ticks that a current must last behind play on the way back: the impact at its end causes ringing.
 const LASTS: u16 = 5;
 
 /// Addition for the play of the widest winch to the duration of a test, ms: there and back at
-/// [`THROUGH_PLAY`], and as much again for its slow start.
+/// [`THROUGH_PLAY`], as much again for its slow start, and once at [`INTO_LOAD`].
 #[must_use]
 pub(crate) fn play_ms<const N: usize>(config: &Active<N>) -> u16 {
     let widest = config.cables.iter();
     let widest = widest.map(|cable| cable.play + cable.brake_play).max();
-    u16::try_from(widest.unwrap_or(0) * 4 / THROUGH_PLAY).unwrap_or(u16::MAX)
+    u16::try_from(widest.unwrap_or(0) * 9 / THROUGH_PLAY).unwrap_or(u16::MAX)
 }
 
 /// Result of a brake's test.
@@ -86,6 +91,12 @@ impl Proof {
     #[must_use]
     pub(crate) const fn relief(&self) -> i32 {
         self.relief
+    }
+
+    /// Once it holds: the release at which the motor of a length-held cable carries its load, 0.1 µm. It is not taken
+    /// back.
+    pub(crate) const fn take_carried(&mut self) -> i32 {
+        core::mem::replace(&mut self.relief, 0)
     }
 
     /// One tick under a closed brake: the drum's length (0.1 µm), the motor's current, the load that
@@ -152,9 +163,14 @@ impl Proof {
             (true, true) => LASTS,
         };
         if self.pushed && geared && by_length {
-            // It returns through the play by its set-point: no current has to be measured.
-            self.relief = (self.relief - THROUGH_PLAY).max(0);
-            self.holds = self.relief == 0;
+            // Back to where it was, and on until the current carries the load, by the play at most.
+            self.relief -= if self.relief > THROUGH_PLAY {
+                THROUGH_PLAY
+            } else {
+                INTO_LOAD
+            };
+            let farthest = -(config.play + config.brake_play);
+            self.holds = self.relief <= 0 && (self.lasted >= LASTS || self.relief <= farthest);
         } else if self.lasted >= ticks {
             self.holds = self.pushed || gives_force || !(geared || opens);
             self.pushed = true;
@@ -202,7 +218,9 @@ impl Proof {
             self.relief = (self.relief + step).clamp(-FASTEST_UMPS, FASTEST_UMPS);
         }
         if self.holds {
-            self.relief = 0;
+            if !by_length {
+                self.relief = 0;
+            }
             return Verdict::Holds;
         }
         Verdict::Pending

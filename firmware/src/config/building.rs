@@ -462,7 +462,7 @@ const fn alpha_q16_of(corner_mhz: i64) -> i64 {
 }
 
 /// Greatest play between motor and drum, and of a brake, 0.1 µm.
-// 2 mm each: with both, the brakes' test takes 3.2 s longer.
+// 2 mm each: with both, the brakes' test takes 7.2 s longer.
 const MOST_PLAY: i32 = 20_000;
 /// Least length for which gains of a speed law may be given, 0.1 µm.
 // 20 mm: without its lowest 8 bits it is right to 0.13 %.

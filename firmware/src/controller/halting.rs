@@ -98,6 +98,9 @@ impl<const N: usize> Controller<N> {
             let verdict = cable
                 .proof
                 .tick(config, cable.length, drive.current_ma, load, opens);
+            if verdict == Verdict::Holds {
+                cable.axis.shift(cable.proof.take_carried());
+            }
             // A brake that slips outweighs one that is still being tested.
             if verdict != Verdict::Holds && !matches!(all.0, Verdict::Slips(_)) {
                 all = (verdict, number);
