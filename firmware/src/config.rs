@@ -208,7 +208,7 @@ pub struct CableConfig {
 
 impl CableConfig {
     /// All zeros, which need no copy in the board's memory.
-    const NOTHING: Self = Self {
+    pub(crate) const NOTHING: Self = Self {
         control: Control::Length,
         per_count_q24: 0,
         half_count: 0,

@@ -226,3 +226,56 @@ impl Proof {
         Verdict::Pending
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Play of the gear, 0.1 µm.
+    const PLAY: i32 = 3500;
+    const LOAD_MN: i32 = 12_000;
+    const FRICTION_MN: i32 = 10_000;
+
+    /// Current of a motor at this place in its play (0: it carries the load, `PLAY`: it pushes out) that has just moved by
+    /// `moved`, mA of a newton each. Both flanks wind up by 0.75 N per micrometre.
+    fn current_ma(at: i32, moved: i32) -> i32 {
+        let wound_mn = 75 * (at.min(0) + (at - PLAY).max(0));
+        let rubs_mn = FRICTION_MN * moved.signum();
+        -(wound_mn + rubs_mn) / 1000
+    }
+
+    #[test]
+    fn a_motor_that_was_anywhere_in_its_play_carries_its_load_when_its_brake_may_open() {
+        let config = CableConfig {
+            // 1 mA per N.
+            current_per_force_q32: (1 << 32) / 1000,
+            friction_mn: FRICTION_MN,
+            play: PLAY,
+            four_counts: 1200,
+            ..CableConfig::NOTHING
+        };
+        for began in [0, 100, 1000, 2500, 3400] {
+            let mut proof = Proof::default();
+            let (mut at, mut way, mut farthest) = (began, 0, began);
+            let mut ticks = 0;
+            loop {
+                let now = current_ma(at, way).clamp(-1000, 1000) as i16;
+                let verdict = proof.tick(&config, 0, now, LOAD_MN, true);
+                let to = began + proof.relief();
+                (way, at) = (to - at, to);
+                farthest = farthest.max(at);
+                ticks += 1;
+                if verdict == Verdict::Holds {
+                    break;
+                }
+                assert!(ticks < 1500 + 630, "{began}: still at {at}");
+            }
+            // It pushed against the brake, and came back.
+            assert!(farthest > PLAY, "{began}: {farthest}");
+            assert_eq!(at, began + proof.take_carried(), "not taken back");
+            // Wound up by the load or somewhat more, never in the play.
+            assert!((-600..=-100).contains(&at), "{began}: ends at {at}");
+            assert_eq!(proof.relief(), 0);
+        }
+    }
+}

@@ -102,10 +102,7 @@ fn the_doctor_and_the_rig_are_run_from_the_page_and_a_failure_says_what_to_do() 
     );
     open(&mut page, "doctor");
     let shown = page.text("step-doctor-line");
-    assert_eq!(
-        shown,
-        "mcdpr doctor --robot paper-table5 --time-scale 20"
-    );
+    assert_eq!(shown, "mcdpr doctor --robot paper-table5 --time-scale 20");
     disabled(&mut page, "step-doctor-stop", "does not run");
     page.click("#step-doctor-run");
     wait(&mut page, &is("doctor", "running"));
@@ -282,15 +279,10 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
     page.click("#kept-back");
     wait(&mut page, "!mcdpr.steps.known.calibration.used");
     assert!(!file.exists());
-    let undone = folder
-        .path()
-        .join("paper-table5.calibration.json.undone");
+    let undone = folder.path().join("paper-table5.calibration.json.undone");
     assert_eq!(std::fs::read_to_string(undone).unwrap(), accepted);
     // The data can be solved again, without a robot; the result can be discarded.
-    page.fill(
-        "step-calibrate-data",
-        "paper-table5.calibration-data.json",
-    );
+    page.fill("step-calibrate-data", "paper-table5.calibration-data.json");
     wait(
         &mut page,
         &format!("{}.includes('--data')", line("calibrate")),

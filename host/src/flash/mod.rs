@@ -199,8 +199,7 @@ impl Image {
             path: path.to_owned(),
             reason,
         };
-        let robot =
-            Robot::built_in("paper-table5").map_err(|error| stranger(error.to_string()))?;
+        let robot = Robot::built_in("paper-table5").map_err(|error| stranger(error.to_string()))?;
         let model = Model::new(&robot).map_err(|error| stranger(error.to_string()))?;
         // Any robot does: only the greeting is awaited.
         let link = SimulatedRobot::new(Mismatch::default(), 1)

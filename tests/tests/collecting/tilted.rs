@@ -138,10 +138,7 @@ fn one_that_cannot_be_meant_is_refused_before_anything_moves() {
     let collect = ["calibrate", "collect", "--imu", "/dev/null", "--robot"];
     let refused = [
         (vec![own.as_str()], "has its own inclinometer"),
-        (
-            vec!["paper-table5", "--on", "/dev/none"],
-            "no inclinometer",
-        ),
+        (vec!["paper-table5", "--on", "/dev/none"], "no inclinometer"),
     ];
     for (words, reason) in refused {
         let (code, _, said) = run(&folder, &[&collect, words.as_slice()].concat());
