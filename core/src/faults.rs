@@ -17,12 +17,11 @@ pub fn describe_fault(record: &FaultRecord) -> String {
             f64::from(record.value) * 1e-3,
             f64::from(record.limit) * 1e-3
         ),
-        // With a limit, the current revealed it; otherwise the drive reported it.
+        // With a limit, the motor's current or speed revealed it; otherwise the drive reported it.
         FaultId::D2 if record.limit > 0 => format!(
-            ": the motor takes {} mA of the commanded {} mA",
-            record.value,
-            // The board's limit is a quarter of the commanded current.
-            4 * record.limit
+            ": the motor gives {:.0} % of what is commanded",
+            // The board's limit is a quarter of the command.
+            25.0 * f64::from(record.value) / f64::from(record.limit)
         ),
         FaultId::S5 => format!(
             ": closure error {:.2} mm, limit {:.2} mm",

@@ -64,7 +64,7 @@ impl Axis {
     }
 
     /// The motor carries its load this far from where it was zeroed, 0.1 µm: from here on that is the set-point.
-    pub const fn shift(&mut self, by: i32) {
+    pub(crate) const fn shift(&mut self, by: i32) {
         self.zero_length = self.zero_length.saturating_sub(by);
     }
 

@@ -93,8 +93,8 @@ impl Proof {
         self.relief
     }
 
-    /// Once it holds: the release at which the motor of a length-held cable carries its load, 0.1 µm. It is not taken
-    /// back.
+    /// Once it holds: the release at which the motor of a length-held cable carries its load behind play, 0.1 µm. It is
+    /// not taken back.
     pub(crate) const fn take_carried(&mut self) -> i32 {
         core::mem::replace(&mut self.relief, 0)
     }
@@ -218,7 +218,7 @@ impl Proof {
             self.relief = (self.relief + step).clamp(-FASTEST_UMPS, FASTEST_UMPS);
         }
         if self.holds {
-            if !by_length {
+            if !(geared && by_length) {
                 self.relief = 0;
             }
             return Verdict::Holds;

@@ -45,7 +45,7 @@ fn static_ram() -> u64 {
 }
 
 fn model() -> Model {
-    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap()
 }
 
 fn line() -> Task {
@@ -121,7 +121,7 @@ fn the_demo_on_the_chip_tracks_as_the_core_in_this_process() {
     let runs: Vec<[Value; 2]> = ["1", "2", "3", "4"]
         .map(|seed| {
             [&["demo"][..], &["demo", "--on", "chip"]].map(|words| {
-                let robot = ["--seed", seed, "--robot", "paper-table5"];
+                let robot = ["--seed", seed, "--robot", "paper-optimistic"];
                 let document = document(&[words, &robot].concat());
                 assert_eq!(document["simulated"], true);
                 document
@@ -226,7 +226,7 @@ fn s7_s8_d3_p7_stop_the_robot_of_the_chip() {
 /// Tries to arm the paper's robot with these drives after something was done to their electronics;
 /// the fault that the chip names, with its cable. Nothing may have moved, and no brake opened.
 fn arming_fails(protocol: &str, spoil: impl FnOnce(&mut DriveNodes)) -> (FaultId, u8) {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/paper-table5.toml");
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/paper-optimistic.toml");
     let text = std::fs::read_to_string(file).unwrap();
     let text = text.replace("drive = \"rmds\"", &format!("drive = \"{protocol}\""));
     let model = Model::new(&mcdpr::robot::parse(&text, Path::new(file)).unwrap()).unwrap();

@@ -71,13 +71,13 @@ fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
     wrong
 }
 
-/// Where a row is noticed on this way, on this machine.
+/// Where a row is noticed on this way, on this machine. Not B3: its gear holds the drum whose brake closes late.
 const NOTICED: &str = "L8:1@0.9s L10:1@0.9s L11:1@0.9s L12:1@0.9s L15:1@0.9s L16:1@0.9s L18:1@0.9s \
     S2:1@start S2:1@0.9s S4:1@start S4:1@0.9s S5:1@start S5:1@0.9s S6:1@start S6:1@0.9s \
     S7:1@start S7:1@0.9s S8:1@start S8:1@0.9s S10:1@start S11:1@start S11:1@0.9s D1:1@start \
     D1:1@0.9s D2:1@start D2:1@0.9s D3:1@start D3:1@0.9s D4:1@start D4:1@0.9s D5:1@start \
     D6:1@start D6:1@0.9s D7:1@start D7:1@0.9s B1:1@start B1:1@0.9s B2:1@start B2:1@0.9s \
-    B3:1@start B3:1@0.9s P2:1@start P2:1@0.9s P7:1@start P7:1@0.9s C1:1@start C1:1@0.9s \
+    P2:1@start P2:1@0.9s P7:1@start P7:1@0.9s C1:1@start C1:1@0.9s \
     C2:1@start C2:1@0.9s C3:1@start C3:1@0.9s C4:1@start C4:1@0.9s C5:1@start C5:1@0.9s";
 
 fn can_be_shown() -> Vec<FaultId> {

@@ -11,7 +11,7 @@ use mcdpr_protocol::FaultId;
 
 /// A line of some three seconds on the paper's robot.
 fn run(words: &[&str]) -> Aftermath {
-    run_on(&Robot::built_in("paper-table5").unwrap(), words)
+    run_on(&Robot::built_in("paper-optimistic").unwrap(), words)
 }
 
 fn run_on(robot: &Robot, words: &[&str]) -> Aftermath {
@@ -73,7 +73,7 @@ fn l1_l3_l4_l9_s1_what_passes_by_does_not_end_the_motion() {
 
 #[test]
 fn d2_d6_what_a_cia402_drive_reports_stops_the_robot_and_an_rmds_can_not_report() {
-    let mut robot = Robot::built_in("paper-table5").unwrap();
+    let mut robot = Robot::built_in("paper-optimistic").unwrap();
     let hot = Scenario::from_words(&["D6@1s".to_owned()], 4).unwrap();
     let words = hot.suits(&robot).unwrap_err().to_string();
     assert!(words.contains("RMDS"), "{words}");
@@ -131,7 +131,7 @@ fn d2_an_rmds_that_dies_on_the_tension_held_cable_is_reported_by_its_current() {
     let record = after.record().unwrap();
     assert_eq!((record.fault, record.cable), (FaultId::D2, 4));
     let said = mcdpr::link::describe_fault(&record);
-    assert!(said.contains("takes 0 mA of the "), "{said}");
+    assert!(said.contains("the motor gives 0 %"), "{said}");
     let noticed = after.detected_after_ms().unwrap();
     // 20 ticks, and the feedback's way.
     assert!((20..=30).contains(&noticed), "{noticed} ms");

@@ -21,7 +21,7 @@ use mcdpr_simulator::{LinkOptions, Simulation};
 use mcdpr_tests::chip::{LINE, firmware};
 
 fn model() -> Model {
-    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-optimistic").unwrap()).unwrap()
 }
 
 fn line() -> Task {

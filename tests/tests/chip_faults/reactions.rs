@@ -179,7 +179,7 @@ fn l1_l3_l4_l8_l9_s1_s9_s10_do_not_end_a_motion_of_the_chip() {
 
 /// The paper's robot with CiA 402 drives: only these report faults and heat.
 fn with_cia402() -> Model {
-    let mut robot = Robot::built_in("paper-table5").unwrap();
+    let mut robot = Robot::built_in("paper-optimistic").unwrap();
     for winch in &mut robot.winches {
         winch.drive = DriveKind::Cia402;
     }
