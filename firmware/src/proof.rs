@@ -259,7 +259,7 @@ mod tests {
             let (mut at, mut way, mut farthest) = (began, 0, began);
             let mut ticks = 0;
             loop {
-                let now = current_ma(at, way).clamp(-1000, 1000) as i16;
+                let now = crate::fixed::saturate_i16(current_ma(at, way));
                 let verdict = proof.tick(&config, 0, now, LOAD_MN, true);
                 let to = began + proof.relief();
                 (way, at) = (to - at, to);

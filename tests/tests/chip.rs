@@ -226,7 +226,10 @@ fn s7_s8_d3_p7_stop_the_robot_of_the_chip() {
 /// Tries to arm the paper's robot with these drives after something was done to their electronics;
 /// the fault that the chip names, with its cable. Nothing may have moved, and no brake opened.
 fn arming_fails(protocol: &str, spoil: impl FnOnce(&mut DriveNodes)) -> (FaultId, u8) {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/paper-optimistic.toml");
+    let file = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../robots/paper-optimistic.toml"
+    );
     let text = std::fs::read_to_string(file).unwrap();
     let text = text.replace("drive = \"rmds\"", &format!("drive = \"{protocol}\""));
     let model = Model::new(&mcdpr::robot::parse(&text, Path::new(file)).unwrap()).unwrap();
