@@ -116,7 +116,7 @@ class Reach(gymnasium.Env[Floats, Floats]):
 
     def __init__(
         self,
-        robot: Robot | str = "paper-table5",
+        robot: Robot | str = "paper-optimistic",
         action: Action = "velocity",
         mismatch: Mismatch | Mapping[str, Any] = "realistic",
         reach_m: float = 0.05,
@@ -155,7 +155,7 @@ class ReachVector(VectorEnv[Floats, Floats, Any]):
     def __init__(
         self,
         num_envs: int = 1,
-        robot: Robot | str = "paper-table5",
+        robot: Robot | str = "paper-optimistic",
         action: Action = "velocity",
         mismatch: Mismatch | Mapping[str, Any] = "realistic",
         reach_m: float = 0.05,

@@ -106,7 +106,7 @@ if __name__ == "__main__":
     options.add_argument("--stiffer", type=float, default=1.0, help="factor on EA, in both models")
     options.add_argument("--braked", action="store_true", help="all lengths held")
     given = options.parse_args()
-    for robot_name in given.robot or ["paper-table5", "eight-cable"]:
+    for robot_name in given.robot or ["paper-optimistic", "eight-cable"]:
         seen = study(robot_name, given.poses, given.seed, stiffer=given.stiffer, braked=given.braked)
         worst = np.abs(seen).max(axis=1)
         inside = float(np.mean(worst < 0.02))

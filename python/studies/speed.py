@@ -44,7 +44,7 @@ def compare(name: str, count: int, rounds: int, turned: bool) -> tuple[NDArray[n
 
 if __name__ == "__main__":
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--robot", default="paper-table5")
+    options.add_argument("--robot", default="paper-optimistic")
     options.add_argument("--count", type=int, default=1_000_000)
     options.add_argument("--rounds", type=int, default=20)
     given = options.parse_args()

@@ -15,7 +15,7 @@ from gymnasium.utils.env_checker import check_env
 
 
 @pytest.mark.parametrize("action", ["velocity", "tensions"])
-@pytest.mark.parametrize("robot", ["paper-table5", "lab-direct", "eight-cable"])
+@pytest.mark.parametrize("robot", ["paper-optimistic", "lab-direct", "eight-cable"])
 def test_the_checker_has_no_complaint(robot: str, action: Any) -> None:
     env = gymnasium.make("mcdpr/Reach-v0", robot=robot, action=action)
     with warnings.catch_warnings():

@@ -53,7 +53,7 @@ def test_lengths_at_home_are_those_of_the_kinematics(name: str) -> None:
     assert judge.model.nu == robot.cable_count
 
 
-@pytest.mark.parametrize("name", ["paper-table5", "eight-cable"])
+@pytest.mark.parametrize("name", ["paper-optimistic", "eight-cable"])
 def test_rest_poses_are_those_of_the_statics(name: str) -> None:
     seen = study(name, 30, seed=1)
     assert seen["unsettled"] == 0
@@ -63,17 +63,17 @@ def test_rest_poses_are_those_of_the_statics(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "braked"), [("paper-table5", False), ("eight-cable", False), ("eight-cable", True)]
+    ("name", "braked"), [("paper-optimistic", False), ("eight-cable", False), ("eight-cable", True)]
 )
 def test_modes_are_those_of_the_statics(name: str, braked: bool) -> None:
     # By the robot file: three lengths and a tension, six lengths and two tensions. Braked: eight lengths.
     off = np.abs(compare_modes(name, 12, seed=1, braked=braked))
-    assert off.shape == (12, 3 if name == "paper-table5" else 6)
+    assert off.shape == (12, 3 if name == "paper-optimistic" else 6)
     assert off.max() < 0.02, off
 
 
 def test_the_model_runs_and_the_platform_swings() -> None:
-    judge = MujocoModel(mcdpr.Robot.load("paper-table5"))
+    judge = MujocoModel(mcdpr.Robot.load("paper-optimistic"))
     robot = judge.robot
     home = robot.statics(robot.values["tool"]["home_in_world_m"], "setpoint", tool=True)
     judge.put(home, [0.002, 0.0, 0.0])
@@ -108,7 +108,7 @@ def test_a_robot_that_the_format_cannot_express_is_refused() -> None:
 
 
 def test_the_control_core_flies_mujoco() -> None:
-    seen = fly("paper-table5", "paper:table7", seed=1)
+    seen = fly("paper-optimistic", "paper:table7", seed=1)
     assert seen["ratio_mean"] < 1.2, seen
     assert seen["mujoco_max_mm"] < 1.0, seen
 
@@ -120,7 +120,7 @@ def test_the_control_core_flies_mujoco_on_eight_cables() -> None:
 
 
 def test_an_engine_that_fails_stops_the_run_with_its_words() -> None:
-    robot = mcdpr.Robot.load("paper-table5")
+    robot = mcdpr.Robot.load("paper-optimistic")
 
     def broken(lengths: list[float], rates: list[float], seconds: float) -> object:
         assert len(lengths) == len(rates) == 4 and 0.0 < seconds <= 1e-3
