@@ -302,6 +302,31 @@ fn mcdpr(words: &[&str]) -> Output {
     mcdpr_tests::mcdpr().args(words).output().unwrap()
 }
 
+/// The power fails on the machine that was calibrated. Its motors are then somewhere in their gears' play: a drum
+/// that falls through the rest of it when its brake opens ends the run with C2.
+#[test]
+fn p2_a_calibrated_robot_with_play_is_recovered_and_goes_on() {
+    let folder = mcdpr_tests::process::Folder::new("power-calibrated");
+    let done = |words: &[&str]| {
+        let mut command = mcdpr_tests::mcdpr();
+        let out = command.args(words).current_dir(folder.path());
+        let out = out.output().unwrap();
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(out.status.success(), "{words:?}: {said}");
+        said
+    };
+    let poses = ["--target", "board", "--poses", "8", "--candidates", "40"];
+    done(&[&["calibrate", "all"], &poses[..]].concat());
+    let said = done(&["recover", "--untouched", "--resume"]);
+    assert!(said.contains("calibration.json applied"), "{said}");
+    let number = |before: &str| -> f64 {
+        let (_, rest) = said.split_once(before).expect(before);
+        rest.split_whitespace().next().unwrap().parse().unwrap()
+    };
+    assert!(number("true position is ") < 1.5, "{said}");
+    assert!(number("the tool at most ") < 2.0, "{said}");
+}
+
 #[test]
 fn the_program_recovers_or_refuses_with_what_to_do() {
     let out = mcdpr(&["recover", "--tag", "--json"]);

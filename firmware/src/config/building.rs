@@ -348,7 +348,7 @@ impl<const N: usize> ConfigStore<N> {
             0 => 1 << 16,
             corner_mhz => alpha_q16_of(i64::from(corner_mhz)),
         };
-        // Example: 244,348 for 0.45 m. In 32 bits, by the chip's divider: one in 64 bits costs a tick 500 cycles.
+        // Example: 244,336 for 0.45 m. In 32 bits, for the chip's divider.
         let gain_per_length_q40 = match key(CableKey::GainLength, 0, 2_000_000_000)? {
             0 => 0,
             length => i32::MAX / (length.max(LEAST_GAIN_LENGTH) >> 8) * 2,

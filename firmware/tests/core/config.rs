@@ -15,6 +15,23 @@ fn a_whole_configuration_is_taken() {
 }
 
 #[test]
+fn gains_at_a_length_become_a_share_per_length() {
+    let key = ConfigKey::cable(3, CableKey::GainLength);
+    // 2^40 over 0.45 m and over 2 m, in 0.1 um; at least 20 mm; 0: at any length.
+    for (length, share) in [
+        (4_500_000, 244_336),
+        (20_000_000, 54_976),
+        (1, 5_497_558),
+        (0, 0),
+    ] {
+        let active = build(&entries_with(key, length)).unwrap();
+        let got = active.cables[3].gain_per_length_q40;
+        let off = f64::from(got) - f64::from(share);
+        assert!(off.abs() <= 1.3e-3 * f64::from(share), "{length}: {got}");
+    }
+}
+
+#[test]
 fn f2_every_missing_key_is_named() {
     for missing in entries() {
         let mut all = entries();

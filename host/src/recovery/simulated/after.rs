@@ -1,6 +1,6 @@
 //! The robot after the power is back: its journal, the recovery, the rest of its task.
 
-use crate::experiment::{Experiment, Run, in_calibrated_frame, in_known_frame, of_calibration};
+use crate::experiment::{Experiment, Run, in_calibrated_frame, in_known_frame};
 use crate::link::{Client, SimulatedLink};
 use crate::motion::{Model, Task};
 use crate::recovery::{
@@ -56,22 +56,20 @@ pub struct AfterCut {
 /// The camera of a simulated robot, and the places of the tags as a calibration has them.
 fn camera(model: &Model, link: &SimulatedLink, seed: u64) -> (SimulatedTags, Vec<TagPlace>) {
     let robot = model.robot();
-    if let (Some(calibrated), Some((_, _, built))) =
-        (robot.calibrated.as_deref(), of_calibration(robot, 1))
-    {
-        let scene = Scene::of(robot, built);
-        let places = calibrated.places.clone();
-        return (
-            SimulatedTags::new(link.clone(), scene, CORNER_PX, seed),
-            places,
-        );
-    }
-    let scene = Scene::on_floor(model.robot(), MOUNTING[0], MOUNTING[1], seed);
-    let mut random = Random::new(seed ^ 0x7461_6773);
-    let mut places = scene.places.clone();
-    for place in &mut places {
-        place.world_from_body.position_m += Vector3::from_fn(|_, _| random.within(TAG_PLACE_M));
-    }
+    let calibrated = robot.calibrated.as_deref();
+    let (scene, places) = match calibrated.filter(|found| found.simulated_seed.is_some()) {
+        Some(found) => (Scene::of(robot, seed), found.places.clone()),
+        None => {
+            let scene = Scene::on_floor(robot, MOUNTING[0], MOUNTING[1], seed);
+            let mut random = Random::new(seed ^ 0x7461_6773);
+            let mut places = scene.places.clone();
+            for place in &mut places {
+                place.world_from_body.position_m +=
+                    Vector3::from_fn(|_, _| random.within(TAG_PLACE_M));
+            }
+            (scene, places)
+        }
+    };
     (
         SimulatedTags::new(link.clone(), scene, CORNER_PX, seed),
         places,
