@@ -9,11 +9,10 @@ use crate::device::can_line::{CanFrame, CanWiring};
 use crate::device::gpio::Drive;
 use crate::error::{LoadError, Stop};
 use mcdpr_firmware::{State, drives};
-use mcdpr_protocol::message::decode;
-use mcdpr_protocol::{Channel, Deframer, FaultRecord, SampleBlock, Status, Tick};
+use mcdpr_protocol::{FaultRecord, Tick};
 use mcdpr_simulator::can::DriveLine;
 use mcdpr_simulator::plant::{Plant, PlantError};
-use mcdpr_simulator::{BoardFailure, VirtualBoard};
+use mcdpr_simulator::{BoardFailure, Overheard, VirtualBoard};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Slice of lockstep, us.
@@ -53,11 +52,7 @@ impl SharedChip {
 #[derive(Debug)]
 pub struct ChipBoard {
     chip: SharedChip,
-    deframer: Deframer,
-    state: State,
-    fault: Option<FaultRecord>,
-    torque_on: bool,
-    path_times: Vec<(Tick, u32)>,
+    heard: Overheard,
     now: Tick,
     counters: Option<[u16; CABLES]>,
     positions: [i64; CABLES],
@@ -79,11 +74,7 @@ impl ChipBoard {
         chip.deliver_faults(true);
         Ok(Self {
             chip: SharedChip(Arc::new(Mutex::new(chip))),
-            deframer: Deframer::new(),
-            state: State::Boot,
-            fault: None,
-            torque_on: false,
-            path_times: Vec::new(),
+            heard: Overheard::new(CABLES),
             now: Tick(0),
             counters: None,
             positions: [0; CABLES],
@@ -155,40 +146,16 @@ impl ChipBoard {
 
     /// The chip's pins to the plant's brakes and gripper.
     fn act(&self, plant: &mut Plant, chip: &Chip) -> Result<(), PlantError> {
-        for (cable, drive) in self.cables().into_iter().zip(chip.pins().brakes) {
-            // A floating pin closes the brake: the driver has a pull-down.
+        let pins = chip.pins();
+        for (cable, drive) in self.cables().into_iter().zip(pins.brakes) {
+            // A floating pin closes the brake, and opens the contactor: the drivers have pull-downs.
             plant.set_brake(cable, drive != Drive::High)?;
+            plant.set_drive_enable(cable, pins.drive_enable == Drive::High)?;
         }
         if self.wired.is_none_or(|(_, first)| first) {
             plant.set_gripper(chip.pins().gripper == Drive::High);
         }
         Ok(())
-    }
-
-    /// What a host can know of the board, from the board's messages.
-    fn overhear(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            match self.deframer.push(byte) {
-                Some(Ok((Channel::Status, body))) => {
-                    if let Some(status) = decode::<Status>(body) {
-                        self.state = status.state;
-                        self.fault = status.fault;
-                        self.torque_on = status.torque_on != 0;
-                    }
-                }
-                Some(Ok((Channel::Samples, body))) => {
-                    if let Some(block) = decode::<SampleBlock>(body) {
-                        let ticks = SampleBlock::ticks(CABLES) as u32;
-                        // The path clock is zero while no motion runs.
-                        let moves = u32::from(block.path_ms > 0);
-                        let times =
-                            (0..ticks).map(|i| (block.tick.after(i), moves * (block.path_ms + i)));
-                        self.path_times.extend(times);
-                    }
-                }
-                _ => {}
-            }
-        }
     }
 }
 
@@ -224,7 +191,7 @@ impl VirtualBoard for ChipBoard {
         }
         chip.set_can_wiring(CanWiring {
             bitrate: plant.params().bus.bitrate,
-            others: plant.is_powered(),
+            others: (0..plant.cable_count()).any(|cable| plant.drive_has_supply(cable)),
             shorted: plant.faults().bus_off,
         });
         let heard = chip.can_take();
@@ -248,8 +215,7 @@ impl VirtualBoard for ChipBoard {
     fn power_on(&mut self) -> Result<(), PlantError> {
         self.chip.lock().power_on();
         self.counters = None;
-        self.state = State::Boot;
-        (self.fault, self.torque_on) = (None, false);
+        self.heard.restart();
         self.now = Tick(0);
         self.read_at = Tick(0);
         Ok(())
@@ -321,13 +287,12 @@ impl VirtualBoard for ChipBoard {
                 return Err(PlantError::Board { reason });
             };
             chip.restart(by);
-            self.state = State::Boot;
-            (self.fault, self.torque_on) = (None, false);
+            self.heard.restart();
         }
         self.act(plant, &chip)?;
         let begin = send.len();
         send.extend(chip.uart_take());
-        self.overhear(&send[begin..]);
+        self.heard.listen(&send[begin..]);
         self.now = Tick(chip.ticks_since_reset());
         Ok(())
     }
@@ -339,7 +304,7 @@ impl VirtualBoard for ChipBoard {
     }
 
     fn state(&self) -> State {
-        self.state
+        self.heard.state
     }
 
     fn path_ms(&self) -> u32 {
@@ -348,7 +313,7 @@ impl VirtualBoard for ChipBoard {
     }
 
     fn take_path_times(&mut self) -> Vec<(Tick, u32)> {
-        std::mem::take(&mut self.path_times)
+        self.heard.take_path_times()
     }
 
     fn path_times_behind(&self) -> usize {
@@ -361,10 +326,10 @@ impl VirtualBoard for ChipBoard {
     }
 
     fn fault(&self) -> Option<FaultRecord> {
-        self.fault
+        self.heard.fault
     }
 
     fn torque_on(&self) -> bool {
-        self.torque_on
+        self.heard.torque_on
     }
 }

@@ -255,7 +255,7 @@ impl Chip {
     }
 
     /// Time passes without a supply: nothing is executed.
-    pub(crate) fn skip_us(&mut self, us: u64) {
+    pub fn skip_us(&mut self, us: u64) {
         self.until += us * TICKS_PER_US;
         self.bus.now = self.bus.now.max(self.until);
     }

@@ -154,7 +154,8 @@ impl SimulatedRobot {
         let cables = own
             .chain(machine.boards.is_empty().then_some(machine.cables.len()))
             .find(|cables| *cables != usize::from(CHIP_CABLES));
-        if let (Controller::Chip(_), Some(robot)) = (&self.controller, cables) {
+        if let (Controller::Chip(_) | Controller::Hil(_), Some(robot)) = (&self.controller, cables)
+        {
             return Err(RunError::Cables {
                 board: CHIP_CABLES,
                 robot,

@@ -8,6 +8,7 @@
 //! | [`estimate`] | the platform's pose, from lengths, tensions and tags, and the cable that slipped |
 //! | [`compute`] | the robot's mathematics for commands and programs |
 //! | [`model_file`] | the description as a model of MuJoCo, or for viewers |
+//! | [`hil`] | a real board in front of the simulated drives and robot |
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |
 //! | [`motion`] | tasks, paths, plans: motions of the tool and of the cables |
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
@@ -71,6 +72,7 @@ mod files;
 // Without a probe only the check of a file is used.
 #[cfg_attr(not(feature = "flash"), allow(dead_code))]
 pub mod flash;
+pub mod hil;
 pub mod link;
 pub mod machine;
 pub mod model_file;

@@ -34,6 +34,10 @@ pub trait VirtualBoard {
     fn slice_us(&self) -> u64 {
         1000
     }
+    /// Whether its time passes by itself, also while nobody calls.
+    fn goes_on(&self) -> bool {
+        false
+    }
     /// Path times of past ticks that are now known; empty if [`Self::path_ms`] always equals the
     /// board's own value.
     fn take_path_times(&mut self) -> Vec<(Tick, u32)> {
@@ -361,9 +365,10 @@ impl<const N: usize> io::Board<N> for Rim<'_, N> {
         self.drives.tick(now, config, outputs, &mut port);
         self.memory.drives = self.drives.take_new().or(self.memory.drives.take());
         for (i, brake) in outputs.brakes.iter().enumerate() {
-            let applied = self
-                .plant
-                .set_brake(self.cables[i], *brake == Brake::Closed);
+            let cable = self.cables[i];
+            let enabled = self.plant.set_drive_enable(cable, outputs.drive_enable);
+            let applied = self.plant.set_brake(cable, *brake == Brake::Closed);
+            let applied = enabled.and(applied);
             // The first error is the cause; later ones follow from it.
             if self.applied.is_ok() {
                 self.applied = applied;

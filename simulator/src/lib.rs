@@ -13,11 +13,13 @@
 mod board;
 pub mod camera;
 pub mod can;
+mod overheard;
 pub mod plant;
 mod simulation;
 mod wire;
 
 pub use board::{BoardFailure, VirtualBoard};
+pub use overheard::Overheard;
 pub use simulation::several::{BoardPlace, BoardTime};
 pub use simulation::{Simulation, TracePoint};
 pub use wire::{LinkOptions, Wire, WireFaults, WireVersion};

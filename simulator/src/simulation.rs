@@ -157,6 +157,12 @@ impl Simulation {
         self.now_us
     }
 
+    /// Whether time passes by itself, also while nobody calls: a real board is in the loop.
+    #[must_use]
+    pub fn goes_on(&self) -> bool {
+        self.ports.iter().any(|port| port.board.goes_on())
+    }
+
     /// The host sends bytes now.
     pub fn send(&mut self, bytes: &[u8]) {
         self.ports[0].to_board.send(self.now_us, bytes);
@@ -237,6 +243,7 @@ impl Simulation {
     fn unpowered(&mut self) -> Result<(), PlantError> {
         for cable in 0..self.plant.cable_count() {
             self.plant.set_brake(cable, true)?;
+            self.plant.set_drive_enable(cable, false)?;
         }
         self.plant.set_gripper(false);
         let port = &mut self.ports[0];

@@ -177,6 +177,10 @@ pub fn in_process(_cables: &[usize], _number: u8) -> Result<Option<ExtraBoard>, 
 }
 
 impl Link for SimulatedLink {
+    fn goes_on(&self) -> bool {
+        self.simulation.borrow().goes_on()
+    }
+
     fn now_us(&self) -> u64 {
         self.simulation.borrow().now_us()
     }

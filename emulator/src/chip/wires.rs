@@ -7,7 +7,7 @@ use crate::scs::HARD_FAULT;
 
 impl Chip {
     /// Whether faults go to the firmware's handler, as on the chip, instead of stopping the run.
-    pub(crate) fn deliver_faults(&mut self, deliver: bool) {
+    pub fn deliver_faults(&mut self, deliver: bool) {
         self.bus.scs.delivers_faults = deliver;
     }
 
@@ -169,7 +169,7 @@ impl Chip {
 
     /// Applies a voltage to an ADC channel, in sixteenths of a step at 3.3 V (0 to 65520): as
     /// with a little noise, sixteen conversions add up to it.
-    pub(crate) fn set_adc_sixteenths(&mut self, channel: u8, sum: u16) {
+    pub fn set_adc_sixteenths(&mut self, channel: u8, sum: u16) {
         if let Some(applied) = self.bus.adc.applied.get_mut(usize::from(channel)) {
             *applied = sum.min(4095 * 16);
         }

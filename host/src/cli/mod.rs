@@ -69,6 +69,7 @@ pub use dry::{DRY_RUNS, DryRun, commands};
 
 use crate::calibration::collect::CollectError;
 use crate::chart::PlotFormat;
+use crate::hil::Wires;
 use crate::link::{LinkError, PortLink, SerialLines, SerialLink};
 use crate::machine::{Controller, Firmware, Mismatch};
 use crate::run::RunError;
@@ -103,12 +104,13 @@ pub(crate) struct Common {
     #[arg(long, global = true, value_name = "FILE|none")]
     pub calibration: Option<String>,
     /// Connection to the robot: `sim` (simulated in this process), `chip` (simulated, controlled by
-    /// the firmware file on an emulated chip) or a serial port; of a robot with several boards the port of each
+    /// the firmware file on an emulated chip), `hil:PORT,CAN,PORT` (simulated, controlled by a real board: its port,
+    /// its CAN bus, the signal board's port) or a serial port; of a robot with several boards the port of each
     #[arg(
         long,
         global = true,
         default_value = "sim",
-        value_name = "sim|chip|PORT[,PORT]"
+        value_name = "sim|chip|hil:WIRES|PORT[,PORT]"
     )]
     pub on: String,
     /// The firmware file for `--on chip`; else MCDPR_FIRMWARE, else the output of `cargo fw`
@@ -160,7 +162,11 @@ impl Common {
     /// Lets the emulated chip control every simulated robot, if `--on chip` asks for it. From
     /// there on the robot is a simulated one for every command.
     fn take_up_chip(&mut self) -> Outcome {
-        self.checked_time_scale()?;
+        let scale = self.checked_time_scale()?;
+        if Wires::is_meant(&self.on) {
+            self.controller = Controller::Hil(Wires::parse(&self.on, scale.unwrap_or(1.0))?);
+            "sim".clone_into(&mut self.on);
+        }
         if self.machine.is_some() && self.on != "sim" && self.on != "chip" {
             let reason = format!(
                 "the robot on {} is what it is; leave out --machine",
@@ -186,12 +192,12 @@ impl Common {
     /// # Errors
     /// Where `--on chip` was given.
     pub(crate) fn no_chip(&self, command: &str) -> Result<(), Failed> {
-        match self.controller.firmware() {
-            None => Ok(()),
-            Some(_) => Err(Failed::from_error(command)(
-                "it simulates many robots, each with the control core in this process; leave out --on chip",
-            )),
+        if self.controller.is_in_process() {
+            return Ok(());
         }
+        Err(Failed::from_error(command)(
+            "it simulates many robots, each with the control core in this process; leave out --on",
+        ))
     }
 
     /// Kind of the plots of a run.

@@ -1,10 +1,11 @@
 //! The simulated robot with a board in front of it.
 
 use super::{Controller, Mismatch, plant_params};
+use crate::hil::{HilBoard, Wires};
 use crate::link::{LinkError, SimulatedLink};
 use crate::robot::Robot;
 use mcdpr_simulator::plant::{Plant, PlantError, PlantParams};
-use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_simulator::{LinkOptions, Simulation, VirtualBoard};
 
 /// A simulated machine whose winches are built in, with no cable on them yet, behind a line.
 ///
@@ -35,15 +36,31 @@ pub(crate) fn line_to(
     seed: u64,
     controller: &Controller,
 ) -> Result<SimulatedLink, LinkError> {
+    let bits_per_s = plant.params().bus.bitrate;
     SimulatedLink::of(robot, plant, link, seed, &|cables, number| {
-        let Controller::Chip(firmware) = controller else {
-            return Ok(None);
+        let firmware = match controller {
+            Controller::InProcess => return Ok(None),
+            Controller::Hil(_) if number > 0 => {
+                return Err(PlantError::Board {
+                    reason: "one board can be in the loop, and the robot has several".to_owned(),
+                });
+            }
+            Controller::Hil(wires) => return in_the_loop(wires, bits_per_s).map(Some),
+            Controller::Chip(firmware) => firmware,
         };
         let board = firmware.board_for(cables, number);
         board.map(Some).ok_or_else(|| PlantError::Board {
             reason: "there is no emulated chip in this program".to_owned(),
         })
     })
+}
+
+/// The board behind these wires.
+fn in_the_loop(wires: &Wires, bits_per_s: u32) -> Result<Box<dyn VirtualBoard + Send>, PlantError> {
+    let board = HilBoard::open(wires, bits_per_s).map_err(|error| PlantError::Board {
+        reason: error.to_string(),
+    })?;
+    Ok(Box::new(board))
 }
 
 /// A plant in its present state, behind a line, with a board that controls it.
@@ -56,8 +73,13 @@ pub fn with_board(
     seed: u64,
     controller: &Controller,
 ) -> Result<Simulation, PlantError> {
-    let Controller::Chip(firmware) = controller else {
-        return Simulation::new(plant, link, seed);
+    let firmware = match controller {
+        Controller::InProcess => return Simulation::new(plant, link, seed),
+        Controller::Hil(wires) => {
+            let board = in_the_loop(wires, plant.params().bus.bitrate)?;
+            return Ok(Simulation::with_board(plant, board, link, seed));
+        }
+        Controller::Chip(firmware) => firmware,
     };
     let board = firmware.board().ok_or_else(|| PlantError::Board {
         reason: "there is no emulated chip in this program".to_owned(),

@@ -1,5 +1,6 @@
 //! The firmware file, and the emulated chip that executes it in front of the simulated robot.
 
+use crate::hil::Wires;
 use miette::Diagnostic;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -169,6 +170,8 @@ pub enum Controller {
     InProcess,
     /// The firmware's own file, executed by an emulated chip.
     Chip(Firmware),
+    /// A real board, behind wires.
+    Hil(Wires),
 }
 
 impl Controller {
@@ -178,11 +181,17 @@ impl Controller {
         firmware.map_or(Self::InProcess, |firmware| Self::Chip(firmware.clone()))
     }
 
+    /// Whether it is the control core in this process.
+    #[must_use]
+    pub(crate) const fn is_in_process(&self) -> bool {
+        matches!(self, Self::InProcess)
+    }
+
     /// The firmware that the emulated chip executes.
     #[must_use]
     pub(crate) const fn firmware(&self) -> Option<&Firmware> {
         match self {
-            Self::InProcess => None,
+            Self::InProcess | Self::Hil(_) => None,
             Self::Chip(firmware) => Some(firmware),
         }
     }

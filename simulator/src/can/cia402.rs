@@ -342,7 +342,7 @@ impl Cia402 {
     ) -> Result<(), PlantError> {
         match plant.drive_state(index)? {
             // The supply is back: the electronics start as after delivery, and so does the motor.
-            DriveState::Unpowered if plant.is_powered() => {
+            DriveState::Unpowered if plant.drive_has_supply(index) => {
                 self.power = Power::SwitchOnDisabled;
                 self.restart(fault, now_us);
                 return plant.command_drive(index, DriveCommand::Reset);

@@ -65,7 +65,7 @@ impl DriveLine {
             // The plant's `bus_off` means dead wires: here they are shorted.
             self.bus.faults_mut().shorted = plant.faults().bus_off;
             for drive in 0..self.nodes.len() {
-                self.bus.connect(drive + 1, plant.is_powered());
+                self.bus.connect(drive + 1, plant.drive_has_supply(drive));
             }
             while let Some(delivery) = self.bus.next(end_us) {
                 if delivery.from != BOARD && self.received.len() < QUEUE {

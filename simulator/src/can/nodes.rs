@@ -113,11 +113,8 @@ impl DriveNodes {
         frame: &CanFrame,
         send: &mut dyn FnMut(usize, u64, CanFrame),
     ) -> Result<(), PlantError> {
-        if !plant.is_powered() {
-            return Ok(());
-        }
         for (index, node) in self.nodes.iter_mut().enumerate() {
-            if self.elsewhere[index] {
+            if self.elsewhere[index] || !plant.drive_has_supply(index) {
                 continue;
             }
             let fault = &self.faults[index];

@@ -46,6 +46,8 @@ pub struct BrakeFault {
     pub holding_factor: f64,
     /// It closes later than specified by this (s).
     pub extra_close_delay_s: f64,
+    /// Its coil's current freewheels through a plain diode instead of falling against a voltage.
+    pub freewheels: bool,
     /// It drags: additional friction on the drum (N).
     pub drag_n: f64,
 }
@@ -56,6 +58,7 @@ impl Default for BrakeFault {
             stays_closed: false,
             holding_factor: 1.0,
             extra_close_delay_s: 0.0,
+            freewheels: false,
             drag_n: 0.0,
         }
     }

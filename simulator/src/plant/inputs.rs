@@ -30,7 +30,7 @@ impl Plant {
         command: DriveCommand,
     ) -> Result<(), PlantError> {
         self.known(cable)?;
-        if self.powered && !self.faults.cables[cable].drive.ignores_commands {
+        if self.drive_has_supply(cable) && !self.faults.cables[cable].drive.ignores_commands {
             let now_s = self.time_s();
             let winch = &mut self.winches[cable];
             let motor_rate = winch.motor_rate();
@@ -58,6 +58,30 @@ impl Plant {
     #[must_use]
     pub const fn is_powered(&self) -> bool {
         self.powered
+    }
+
+    /// Whether a drive has its supply: that of the robot, over its contactor.
+    #[must_use]
+    pub fn drive_has_supply(&self, cable: usize) -> bool {
+        self.powered && self.contactors.get(cable).is_some_and(|c| c.is_closed())
+    }
+
+    /// Sets the board's drive enable, which the contactor of this cable's drive follows after its
+    /// delay. A drive that has lost its supply needs a reset.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn set_drive_enable(&mut self, cable: usize, on: bool) -> Result<(), PlantError> {
+        self.known(cable)?;
+        let now_s = self.time_s();
+        let contactor = &mut self.contactors[cable];
+        let was_closed = contactor.is_closed();
+        contactor.ask(on, now_s);
+        if was_closed && !contactor.is_closed() {
+            self.winches[cable].drive.cut_power();
+            self.ports[cable].clear();
+        }
+        Ok(())
     }
 
     /// Switches a brake's output pin; the brake follows after its delay.

@@ -22,8 +22,10 @@
 //! # Ok::<(), mcdpr_simulator::plant::PlantError>(())
 //! ```
 
+mod brake;
 mod bus;
 mod cable;
+mod contactor;
 mod day;
 mod drive;
 mod error;
@@ -99,6 +101,7 @@ pub struct Plant {
     gripper_closed: bool,
     gripper_switch: bool,
     powered: bool,
+    contactors: [contactor::Contactor; MAX_CABLES],
     /// When the rail of the drives is empty, if their supply has failed.
     fails_at_s: Option<f64>,
     steps: u64,
@@ -158,6 +161,7 @@ impl Plant {
             gripper_closed: false,
             gripper_switch: false,
             powered: true,
+            contactors: Default::default(),
             fails_at_s: None,
             steps: 0,
             target_s: 0.0,
@@ -323,15 +327,17 @@ impl Plant {
         }
         for (i, (port, winch)) in self.ports.iter_mut().zip(&mut self.winches).enumerate() {
             let fault = &self.faults.cables[i].drive;
+            let contactor = &mut self.contactors[i];
+            if contactor.opens(now_s) {
+                winch.drive.cut_power();
+                port.clear();
+            }
+            let powered = self.powered && contactor.is_closed();
             let motor = (winch.motor_m(), winch.motor_rate());
             // Without supply no restart of a drive comes to its end.
-            let late_s = if self.powered {
-                fault.late_s
-            } else {
-                f64::INFINITY
-            };
+            let late_s = if powered { fault.late_s } else { f64::INFINITY };
             winch.drive.tick(now_s, motor.0, late_s);
-            let bus_off = self.faults.bus_off || !self.powered;
+            let bus_off = self.faults.bus_off || !powered;
             port.poll(
                 now_s,
                 &self.params.bus,

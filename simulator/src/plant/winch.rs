@@ -1,78 +1,10 @@
 //! A drum with its brake: converts the drive's force and the cable's pull into motion.
 
+use super::brake::Brake;
 use super::drive::Drive;
 use super::faults::BrakeFault;
 use super::gear::Gear;
 use super::params::WinchParams;
-
-/// Distance at which teeth count as touching (m).
-const TOUCHING_M: f64 = 1e-9;
-
-/// A spring-applied brake: commands act after a delay, and an open brake costs nothing.
-#[derive(Debug, Clone)]
-pub(crate) struct Brake {
-    pub asked_closed: bool,
-    pub engaged: bool,
-    change_at_s: f64,
-    close_delay_s: f64,
-    open_delay_s: f64,
-    holding_n: f64,
-    half_play_m: f64,
-    /// Position of the disc, as displacement of the drum: the drum turns by half of the play to
-    /// either side of it.
-    disc_m: f64,
-}
-
-impl Brake {
-    fn new(p: &WinchParams) -> Self {
-        Self {
-            asked_closed: true,
-            engaged: true,
-            change_at_s: 0.0,
-            close_delay_s: p.brake.close_delay_s,
-            open_delay_s: p.brake.open_delay_s,
-            holding_n: p.brake.holding_n,
-            half_play_m: 0.5 * p.brake.play_m,
-            // The cable has pulled the drum against the disc.
-            disc_m: -0.5 * p.brake.play_m,
-        }
-    }
-
-    pub(crate) fn ask(&mut self, closed: bool, now_s: f64, fault: &BrakeFault) {
-        if closed != self.asked_closed {
-            self.asked_closed = closed;
-            let delay = if closed {
-                self.close_delay_s + fault.extra_close_delay_s
-            } else {
-                self.open_delay_s
-            };
-            self.change_at_s = now_s + delay;
-        }
-    }
-
-    /// Friction at the drum, which is at `drum_m` and is pushed towards `way`. The disc has no
-    /// mass: the drum carries it along where their teeth touch, and between them it has no effect.
-    #[inline(always)]
-    fn friction_n(&mut self, (drum_m, way): (f64, f64), now_s: f64, fault: &BrakeFault) -> f64 {
-        if self.engaged != self.asked_closed && now_s >= self.change_at_s {
-            self.engaged = self.asked_closed;
-        }
-        let mut meets = true;
-        if self.half_play_m > 0.0 {
-            let ahead = drum_m - self.disc_m;
-            let within = ahead.clamp(-self.half_play_m, self.half_play_m);
-            self.disc_m = drum_m - within;
-            // They touch within the last nanometre: the disc's position is a difference of rounded
-            // numbers.
-            meets = ahead * way > 0.0 && ahead.abs() > self.half_play_m - TOUCHING_M;
-        }
-        if meets && (self.engaged || fault.stays_closed) {
-            self.holding_n * fault.holding_factor
-        } else {
-            0.0
-        }
-    }
-}
 
 /// Cable that has left a drum.
 #[derive(Debug, Clone, Copy)]

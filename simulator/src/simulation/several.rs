@@ -156,6 +156,7 @@ impl Simulation {
         if !port.powered {
             for &cable in &port.cables {
                 plant.set_brake(cable, true)?;
+                plant.set_drive_enable(cable, false)?;
             }
             port.board.follow_unpowered(plant, drives, own_us)?;
             port.lose_bytes(now_us, &mut self.received);

@@ -269,6 +269,31 @@ fn power_that_goes_and_comes_back_gives_no_torque_until_it_is_asked_for_again() 
     }
 }
 
+/// The drives' contactor closes after the board has sent its first frames: nobody acknowledges them
+/// until then, and a drive is reset later than the board knows.
+#[test]
+fn drives_whose_contactor_closes_late_are_ready_in_time() {
+    for protocol in BOTH {
+        for closed_after in [0, 20, 63, 90] {
+            let mut bench = Bench::new(protocol);
+            for cable in 0..4 {
+                bench.plant.set_drive_enable(cable, false).expect("cable");
+            }
+            bench.run(closed_after, ENABLE);
+            for cable in 0..4 {
+                bench.plant.set_drive_enable(cable, true).expect("cable");
+            }
+            let most = bench.active.enable_ms + 500 - closed_after;
+            bench.run(most, ENABLE);
+            assert_eq!(
+                bench.ready(),
+                [true; 4],
+                "{protocol:?}, {closed_after} ms and the contactor's 63"
+            );
+        }
+    }
+}
+
 #[test]
 fn a_wrong_number_leaves_one_drive_silent_and_the_others_well() {
     for protocol in BOTH {

@@ -11,6 +11,7 @@ mod hook;
 mod misuse;
 mod sensors;
 mod statics;
+mod supply;
 mod winch;
 
 use super::*;
