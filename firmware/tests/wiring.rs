@@ -74,7 +74,9 @@ fn board() -> (Vec<Net>, Vec<(String, String)>) {
             let nodes = Vec::new();
             nets.push(Net { name, nodes });
         } else if line.contains("(node ") {
-            let node = (text("ref").unwrap(), text("pin").unwrap());
+            // By its name where it has one: U2 A1, not U2 2.
+            let pin = text("pinfunction").or_else(|| text("pin"));
+            let node = (text("ref").unwrap(), pin.unwrap());
             nets.last_mut().unwrap().nodes.push(node);
         }
     }
@@ -122,7 +124,7 @@ fn the_net_list_has_every_pin_of_the_table_once_and_no_loose_end() {
         }
     }
     let mut pins = used_pins();
-    let supply = ["5V", "3V3", "GND"].map(str::to_owned);
+    let supply = ["5V", "3V3", "GND", "VBAT"].map(str::to_owned);
     let nodes = nets.iter().flat_map(|net| &net.nodes);
     let mut wired: Vec<_> = nodes
         .filter(|node| node.0 == "U1")
