@@ -8,6 +8,7 @@ mod programs;
 mod public;
 mod python;
 mod ros;
+mod schematic;
 mod seams;
 mod source;
 mod times;
@@ -31,6 +32,7 @@ study faults  faults in every phase of work, measured from the injection (--robo
 study invariants  ten thousand runs with random faults on random robots (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
 study own-frame  three frames from a few answers to a calibrated robot that picks (--runs N, --seed N)
+schematic   writes docs/board.kicad_sch from docs/board.net; --erc: KiCad (kicad-cli) checks its electrical rules
 screenshots draws docs/images/*.png: the page on the simulator, in a real browser
 seams       no ring of modules, no public item unused outside its crate; no dependency is built twice for the
             program and the tests; the crates without a system compile for wasm32; prints the ten longest functions
@@ -52,6 +54,10 @@ fn main() -> ExitCode {
         Some("playground") => playground::build(&cargo_program()),
         Some("firmware") => firmware::build_and_check(),
         Some("seams") => seams().and_then(|()| functions::print_longest()),
+        Some("schematic") if std::env::args().nth(2).as_deref() == Some("--erc") => {
+            schematic::check()
+        }
+        Some("schematic") => schematic::write(),
         Some("screenshots") => screenshots(),
         Some("lint") => lint(),
         Some("study") => study(),
@@ -121,6 +127,7 @@ fn test() -> Result<(), String> {
     // program, which the system tests start, is built with them.
     firmware::build_and_check()?;
     firmware::kinematics_without_std()?;
+    schematic::check_if_installed()?;
     check_for_page()?;
     playground::build(&cargo_program())?;
     tools::ensure_browser()?;
