@@ -2,6 +2,7 @@
 
 pub mod chip;
 pub mod fuzz;
+pub mod in_the_loop;
 pub mod process;
 
 use std::path::PathBuf;

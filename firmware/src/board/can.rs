@@ -7,6 +7,9 @@
 //! drive by drive, so that a burst of one drive does not cost the others their frames; lost frames
 //! are counted. After bus-off the controller recovers by itself (128 times 11 recessive bits); the
 //! core decides what that means for the robot (D1).
+//!
+//! By registers, not by embassy-stm32's `Can`: its sender and receiver are behind locks that mask interrupts, it counts
+//! no frame that a full FIFO lost, and its `set_automatic_retransmit` is inverted (version 0.6, `can/bxcan`).
 
 use crate::interrupts;
 use core::ptr;

@@ -1,4 +1,7 @@
 //! Drum encoders: the four timers as quadrature decoders, every edge counted from the first instructions on.
+//!
+//! By registers, not by embassy-stm32's `Qei`: that exists only after RAM is initialised and the clocks run, and the drums
+//! of a robot whose board was reset turn until then. It also sets no input filter (version 0.6).
 #![allow(
     unsafe_code,
     reason = "runs before RAM is initialised, which no Rust code may; one timer by the registers that all four share"

@@ -1,5 +1,8 @@
 //! The watchdog: it runs before anything that could hang, the clocks included, and is fed only if
 //! the tick and both halves of the link have reported in since.
+//!
+//! Four writes to registers: embassy-stm32's `IndependentWatchdog` (version 0.6) does the same and makes the image 380
+//! bytes larger, as it searches the prescaler at run time; the budget has no room for them.
 
 use core::sync::atomic::{AtomicU8, Ordering};
 use embassy_stm32::pac;

@@ -1,4 +1,7 @@
 //! From reset to the first tick.
+//!
+//! By registers, not by embassy-stm32's `init`: that waits for the crystal and the PLL without limit (version 0.6,
+//! `rcc/f013.rs`). A board whose crystal never starts must say so (P6), and its watchdog must run before.
 
 use crate::bench::Gauge;
 use crate::clock::CYCLES_PER_TICK;

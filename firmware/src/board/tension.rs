@@ -11,6 +11,8 @@
 //! reference, as an injected conversion between two of a scan, and readings are scaled by it
 //! ([`Supply`]). With a supply outside the converter's range all of them read as shorted (S8), and
 //! no other fault is derived from them.
+//!
+//! By registers: embassy-stm32's driver for this chip's converter does single conversions only (version 0.6).
 
 use crate::clock::CORE_HZ;
 use crate::pins::CABLES;

@@ -3,6 +3,10 @@
 //! Only DMA reads the data register: reading it to clear a flag could take a byte away from DMA. It
 //! fills a ring without end and without interrupts. The tick checks its progress, 92 bytes at most
 //! of 512, and searches the new bytes for stops; the link takes all of it at its own pace.
+//!
+//! By registers, not by embassy-stm32's `RingBufferedUartRx`: that is read from one place by an exclusive reference, and
+//! here the tick, which preempts everything, reads the ring beside the link. It also wants an interrupt at every idle
+//! line, which is not needed: the tick looks every millisecond anyway.
 
 use crate::clock::APB1_HZ;
 use crate::interrupts;

@@ -297,8 +297,8 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
     let wanted = mode_of(demand) == Some(Mode::of(cable));
     let nmt = |command| frame(NMT, &[command, node]);
     match drive.phase {
-        // The drive still boots, or an answer is pending.
-        Phase::Waiting | Phase::Setup if drive.timer > 0 => return None,
+        // It has no supply yet, the drive still boots, or an answer is pending.
+        Phase::Cold | Phase::Waiting | Phase::Setup if drive.timer > 0 => return None,
         // From a known state: a drive may have kept PDOs of an earlier configuration.
         Phase::Cold | Phase::Waiting => {
             return Some(Step::new(nmt(RESET_COMMUNICATION), Phase::Waiting, BOOT_MS));

@@ -35,6 +35,9 @@ use mcdpr_protocol::{ConfigHash, Tick};
 /// Frames taken in per tick, at most: more than a bus of 1 Mbit/s brings in a millisecond.
 // An empty frame without stuffed bits takes 47 bits (ISO 11898-1): 21 fit into a millisecond.
 const FRAMES_PER_TICK: usize = 24;
+/// Milliseconds from a configuration until the drives have their supply: the same configuration closes their contactor.
+/// Schneider Electric, TeSys D, LC1D09BD: 72 ms at most.
+const SUPPLY_MS: u16 = 100;
 /// The highest drive number on a bus: 127 is the board.
 const LAST_NODE: u8 = 126;
 /// A scan ends 50 ms after the last drive was asked.
@@ -269,6 +272,7 @@ impl<const N: usize> DriveBus<N> {
         };
         for (drive, cable) in self.drives.iter_mut().zip(&active.cables) {
             drive.node = cable.node;
+            drive.timer = SUPPLY_MS;
             drive.wanted_mode = cia402::mode_number(Mode::of(cable));
             drive.period_ms = u16::from(cable.period_ticks);
             drive.rpm_per_count_q16 = cable.rpm_per_count_q16;

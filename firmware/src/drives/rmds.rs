@@ -20,10 +20,6 @@ const SLACK_MS: u16 = 10;
 // 100 ms: fifty periods of 2 ms without a single feedback.
 const LOST_MS: u16 = 100;
 
-/// A drive gets its supply at most this much later than its first reset is sent, over a contactor that the same
-/// configuration closes. Schneider Electric, TeSys D, LC1D09BD: 72 ms.
-const SUPPLY_MS: u16 = 200;
-
 const FILL: [u8; 8] = [0x55; 8];
 const RESET: u16 = 0x0;
 const MODE: u16 = 0x1;
@@ -70,26 +66,20 @@ pub(super) fn probed(received: &CanFrame) -> Option<u8> {
 pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> Option<Step> {
     let node = cable.node;
     let again = Step::new(reset(node), Phase::Waiting, RESET_MS + SLACK_MS);
-    // Feedback comes by itself at this interval, ms. A drive that restarts has forgotten it: therefore it is sent
-    // after every reset.
-    let configure = |timer| {
-        let start = [cable.period_ticks, 0];
-        Some(Step::new(
-            frame(node, CONFIGURE, &start),
-            Phase::Idle,
-            timer,
-        ))
-    };
     let wanted = mode_of(demand);
     match drive.phase {
-        Phase::Cold => Some(again),
-        Phase::Waiting if drive.timer == 0 => configure(SUPPLY_MS),
-        Phase::Idle if drive.timer == 0 && drive.input.age_ms > LOST_MS => Some(again),
-        // Its contactor has just closed: it got the reset later than it was sent, and is silent longer. Sent every
-        // 32 ms only, the last time 8 ms before the end, as it begins the interval anew.
-        Phase::Idle if drive.timer & 28 == 8 && drive.input.age_ms > LOST_MS => {
-            configure(drive.timer)
+        Phase::Cold if drive.timer == 0 => Some(again),
+        Phase::Waiting if drive.timer == 0 => {
+            // Feedback comes by itself at this interval, ms.
+            let start = [cable.period_ticks, 0];
+            Some(Step::new(
+                // A drive that restarts has forgotten it: therefore it is sent after every reset.
+                frame(node, CONFIGURE, &start),
+                Phase::Idle,
+                LOST_MS,
+            ))
         }
+        Phase::Idle if drive.timer == 0 && drive.input.age_ms > LOST_MS => Some(again),
         // There is no command "off": only a reset removes the torque in every state. The same is
         // needed for a change of mode.
         Phase::Enabling if wanted != Some(Mode::of(cable)) => Some(again),

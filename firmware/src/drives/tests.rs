@@ -112,13 +112,22 @@ struct Bench {
 }
 
 impl Bench {
+    /// From the moment at which the drives have their supply: until then nothing is sent.
     fn new(kind: DriveKind) -> Self {
-        Self {
+        let mut bench = Self {
             bus: DriveBus::default(),
             port: Port::default(),
             active: active(kind),
             now: 0,
+        };
+        for _ in 0..super::SUPPLY_MS {
+            bench.tick(OFF);
         }
+        // SYNC and the board's heartbeat are for nobody in particular.
+        let to_drives = |id: u16| !matches!(id, 0x080 | 0x77F);
+        assert!(!bench.sent().iter().any(|(id, _)| to_drives(*id)));
+        bench.now = 0;
+        bench
     }
 
     fn tick(&mut self, demands: [DriveDemand; 2]) -> [DriveInput; 2] {

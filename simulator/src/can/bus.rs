@@ -152,6 +152,13 @@ impl CanBus {
         self.nodes.get(node).map_or(0, |node| node.waiting.len())
     }
 
+    /// A controller gives up the frames that it has not sent.
+    pub(crate) fn drop_waiting(&mut self, node: usize) {
+        if let Some(node) = self.nodes.get_mut(node) {
+            node.waiting.clear();
+        }
+    }
+
     /// State of a controller on the bus.
     #[must_use]
     pub fn state(&self, node: usize) -> BusState {

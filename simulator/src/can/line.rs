@@ -12,6 +12,8 @@ const STEP_US: u64 = 100;
 const BOARD: usize = 0;
 /// Frames that the board's controller holds until they are sent, and until they are read.
 const QUEUE: usize = 16;
+/// Time without a single frame sent, while some wait, after which the board drops them, µs: as the firmware does.
+const STALE_US: u64 = 10_000;
 
 /// The bus, the drives on it, and what the board has received.
 #[derive(Debug, Clone)]
@@ -20,6 +22,8 @@ pub struct DriveLine {
     nodes: DriveNodes,
     received: VecDeque<CanFrame>,
     now_us: u64,
+    /// When the board last had nothing to send, or sent something.
+    sent_us: u64,
 }
 
 impl DriveLine {
@@ -32,6 +36,7 @@ impl DriveLine {
             nodes,
             received: VecDeque::new(),
             now_us: 0,
+            sent_us: 0,
         }
     }
 
@@ -68,7 +73,9 @@ impl DriveLine {
                 self.bus.connect(drive + 1, plant.drive_has_supply(drive));
             }
             while let Some(delivery) = self.bus.next(end_us) {
-                if delivery.from != BOARD && self.received.len() < QUEUE {
+                if delivery.from == BOARD {
+                    self.sent_us = end_us;
+                } else if self.received.len() < QUEUE {
                     self.received.push_back(delivery.frame);
                 }
                 let (bus, from) = (&mut self.bus, delivery.from.checked_sub(1));
@@ -80,6 +87,12 @@ impl DriveLine {
             let mut send = |drive, at, frame| bus.offer(drive + 1, at, frame);
             self.nodes.pass(plant, end_us, &mut send)?;
             self.now_us = end_us;
+            if self.bus.waiting(BOARD) == 0 {
+                self.sent_us = end_us;
+            } else if end_us >= self.sent_us + STALE_US {
+                self.bus.drop_waiting(BOARD);
+                self.sent_us = end_us;
+            }
         }
         Ok(())
     }

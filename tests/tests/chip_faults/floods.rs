@@ -6,7 +6,6 @@ use mcdpr::link::{Client, SimulatedLink};
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::Model;
 use mcdpr::run;
-use mcdpr_emulator::SharedChip;
 use mcdpr_firmware::State;
 use mcdpr_protocol::frame::MAX_FRAME;
 use mcdpr_protocol::{
@@ -204,7 +203,8 @@ fn k10_a_stop_in_a_flood_at_line_rate_acts_within_two_ticks_on_the_chip() {
     let (mut most_us, mut most_cycles) = (0, 0);
     for (kind, flood) in FLOODS.iter().enumerate() {
         for (seed, stop) in [(1, StopKind::Emergency), (2, StopKind::Stop)] {
-            let (link, chip): (_, SharedChip) = robot(&model);
+            let (link, seen) = robot(&model);
+            let chip = seen.chip();
             let client = armed(&model, &link);
             chip.with(|chip| chip.take_tick_stats());
             let mut rng = Rng(100 * kind as u64 + seed);

@@ -78,7 +78,8 @@ fn disturbed(due: &[Disturbance]) -> After {
 /// Whether the line was driven to its end, and the effects.
 fn run(due: &[Disturbance]) -> (bool, After) {
     let model = model();
-    let (inner, chip) = robot(&model);
+    let (inner, seen) = robot(&model);
+    let chip = seen.chip();
     inner.with(Simulation::record_truth);
     let mut due = due.to_vec();
     due.reverse();
@@ -173,7 +174,8 @@ fn p5_two_ticks_that_are_late_in_a_row_stop_the_robot_of_the_chip() {
 #[test]
 fn l16_a_host_that_does_not_read_costs_the_chip_no_tick() {
     let model = model();
-    let (inner, chip) = robot(&model);
+    let (inner, seen) = robot(&model);
+    let chip = seen.chip();
     let deaf = Injection::parse("L16@0.5s", 4).unwrap();
     let link = FaultyLink::new(inner.clone(), &[deaf]);
     let outcome = Experiment::new(&model, line())
@@ -205,7 +207,8 @@ fn tick_counter() -> u32 {
 #[test]
 fn k9_the_chip_moves_on_through_the_wrap_of_its_tick_counter() {
     let model = model();
-    let (inner, chip) = robot(&model);
+    let (inner, seen) = robot(&model);
+    let chip = seen.chip();
     let at = tick_counter();
     // Arming takes two seconds, the line three.
     let near = u32::MAX - 3500;
