@@ -34,5 +34,6 @@ pub use bus::Identity;
 pub use chip::{CanErrors, Chip, Jumpers, Pins, Port, ProfileRow, SentFrame, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
 pub use device::gpio::Drive;
+pub use device::supply::SupplyLimits;
 pub use elf::flash_image;
 pub use error::{LoadError, ResetBy, Stop};

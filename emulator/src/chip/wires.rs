@@ -28,17 +28,6 @@ impl Chip {
         self.slowness = u64::from(factor.max(1));
     }
 
-    /// The supply falls below the threshold of the chip's voltage detector, or recovers. Returns
-    /// whether the firmware monitors it.
-    pub fn set_supply_low(&mut self, low: bool) -> bool {
-        self.bus.set_supply_low(low)
-    }
-
-    /// A battery at VBAT: the backup registers keep their contents without a supply.
-    pub fn fit_battery(&mut self) {
-        self.battery = true;
-    }
-
     /// Writes a word of RAM, as a debugger does: to start from a state that would take weeks to
     /// reach. Returns whether there is such a word.
     pub fn write_ram(&mut self, address: u32, value: u32) -> bool {
@@ -96,7 +85,7 @@ impl Chip {
 
     /// A debugger resumes the core.
     pub fn resume(&mut self) {
-        self.hangs = false;
+        self.hangs = self.power.is_down();
     }
 
     /// Virtual time since power-on, microseconds.
@@ -133,7 +122,14 @@ impl Chip {
     /// peripheral.
     #[must_use]
     pub fn brakes_ever_opened(&self) -> bool {
-        self.brakes_opened
+        self.were_high & 0xF != 0
+    }
+
+    /// Whether a brake, the gripper or the drives' enable was high at any time since power-on, as
+    /// seen after every write to a peripheral.
+    #[must_use]
+    pub fn outputs_ever_high(&self) -> bool {
+        self.were_high != 0
     }
 
     /// Applies a level to a pin; `None` leaves it to its pull.
@@ -159,12 +155,6 @@ impl Chip {
     /// Applies a voltage to an ADC channel, as the 12 bits that it converts to at 3.3 V.
     pub fn set_adc(&mut self, channel: u8, raw: u16) {
         self.set_adc_sixteenths(channel, raw.min(4095) * 16);
-    }
-
-    /// The supply as the ADC sees it, V: its full scale. A voltage applied to a pin does not
-    /// change; the voltage detector has [`Self::set_supply_low`].
-    pub fn set_supply_v(&mut self, volts: f64) {
-        self.bus.adc.set_supply_v(volts);
     }
 
     /// Applies a voltage to an ADC channel, in sixteenths of a step at 3.3 V (0 to 65520): as

@@ -8,6 +8,7 @@ mod can_tests;
 pub(crate) mod dma;
 pub(crate) mod gpio;
 pub(crate) mod rcc;
+pub(crate) mod supply;
 #[cfg(test)]
 mod tests;
 pub(crate) mod timer;
