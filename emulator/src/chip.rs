@@ -6,9 +6,11 @@ use crate::core::op::Op;
 use crate::core::{Cpu, Switch};
 use crate::device::TICKS_PER_SECOND;
 use crate::device::can_line::CanFrame;
+use crate::device::encoder_line::Lines;
 use crate::device::gpio::Drive;
 use crate::device::rcc::{RESET_POWER, RESET_SOFTWARE, RESET_WATCHDOG};
 use crate::device::supply::Supply;
+use crate::device::timer::Slice;
 use crate::elf;
 use crate::error::{LoadError, ResetBy, Stop};
 use crate::scs::SYSTICK;
@@ -170,6 +172,8 @@ pub struct Chip {
     until: u64,
     /// Position of each encoder, and its position after the next slice, in counts.
     encoders: [(i64, i64); 4],
+    /// Those encoders' lines that are not ideal.
+    lines: [Option<Box<Lines>>; 4],
     tick_began: u64,
     /// Core cycles when it began.
     tick_began_at: u64,
@@ -230,6 +234,7 @@ impl Chip {
             rtt: image.rtt,
             until: 0,
             encoders: [(0, 0); 4],
+            lines: [const { None }; 4],
             tick_began: 0,
             tick_began_at: 0,
             ticks: Vec::new(),
@@ -325,7 +330,20 @@ impl Chip {
             let wired = gpio.is_digital_input(pin) && gpio.is_digital_input(pin + 1);
             let cycle = self.bus.timer_cycle(timer);
             let ticks = self.until.saturating_sub(begin).max(1);
-            self.bus.timers[timer].turn(goes - stands, begin, ticks, cycle, wired);
+            let counter = &mut self.bus.timers[timer];
+            match &mut self.lines[timer] {
+                None => counter.turn(goes - stands, begin, ticks, cycle, wired),
+                Some(lines) => {
+                    let slice = Slice {
+                        levels: lines.levels(),
+                        edges: &lines.turn(stands, goes, begin, ticks),
+                        counts: goes - stands,
+                        from: begin,
+                        until: begin + ticks,
+                    };
+                    counter.pass(slice, cycle, wired);
+                }
+            }
             self.encoders[timer].0 = goes;
         }
         while self.bus.now < self.until {

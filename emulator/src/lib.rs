@@ -33,6 +33,7 @@ pub use board::{ChipBoard, SharedChip};
 pub use bus::Identity;
 pub use chip::{CanErrors, Chip, Jumpers, Pins, Port, ProfileRow, SentFrame, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
+pub use device::encoder_line::EncoderLine;
 pub use device::gpio::Drive;
 pub use device::supply::SupplyLimits;
 pub use elf::flash_image;

@@ -100,6 +100,66 @@ fn a_slow_ramp_with_ripple_resets_often_and_opens_nothing() {
     }
 }
 
+#[test]
+fn the_chip_starts_above_its_threshold_after_its_time() {
+    for (name, limits) in CHIPS {
+        let mut bench = unsupplied(limits, 0.0);
+        let chip = &mut bench.chip;
+        let runs = |chip: &mut Chip, us: u64| {
+            let before = chip.instructions();
+            assert_eq!(chip.run_us(us), Ok(()), "{name}");
+            chip.instructions() > before
+        };
+        chip.set_supply_v(limits.power_on_v - 0.001);
+        assert!(!runs(chip, 10_000), "{name}");
+        chip.set_supply_v(limits.power_on_v + 0.001);
+        assert!(!runs(chip, limits.start_us - 1), "{name}");
+        // A fall in this time begins it anew.
+        chip.set_supply_v(limits.power_down_v - 0.001);
+        assert!(!runs(chip, 10), "{name}");
+        chip.set_supply_v(GOOD_V);
+        assert!(!runs(chip, limits.start_us - 1), "{name}");
+        assert!(runs(chip, 2), "{name}");
+        // Down to the lower threshold it runs.
+        chip.set_supply_v(limits.power_down_v + 0.001);
+        assert!(runs(chip, 10), "{name}");
+        chip.set_supply_v(limits.power_down_v - 0.001);
+        assert!(!runs(chip, 10_000), "{name}");
+        assert_eq!(resets(chip, ResetBy::Supply), 2, "{name}");
+    }
+}
+
+/// What the board knows after a loss of its supply: whether it stops the drives of before, which it has
+/// in RAM, and how many lengths it has, which are in the backup registers.
+fn knows(lowest_v: f64, battery: bool) -> (bool, usize) {
+    let mut winches = Winches::new(SupplyLimits::TYPICAL);
+    if battery {
+        winches.bench.chip.fit_battery();
+    }
+    winches.bench.chip.can_take();
+    let length_s = 0.01;
+    follow(&mut winches.bench.chip, length_s, SLICE_US, |_| lowest_v);
+    follow(&mut winches.bench.chip, 0.03, SLICE_US, |_| GOOD_V);
+    let sent = winches.bench.chip.can_take();
+    winches.bench.chip.uart_take();
+    let Reply::Kept(kept) = winches.bench.done(Request::Kept) else {
+        panic!("no lengths")
+    };
+    // Function 0 of an RMDS.
+    let stops = sent.iter().any(|sent| sent.frame.id == 0x10);
+    (stops, kept.lengths.len())
+}
+
+#[test]
+fn memory_outlives_a_dip_as_its_voltage_says_and_a_battery_keeps_the_lengths() {
+    // The typical chip is assumed to keep all down to 1.5 V and nothing at 0.5 V.
+    assert_eq!(knows(1.7, false), (true, 4));
+    assert_eq!(knows(1.0, false), (false, 0));
+    assert_eq!(knows(0.0, false), (false, 0));
+    assert_eq!(knows(1.0, true), (false, 4));
+    assert_eq!(knows(0.0, true), (false, 4));
+}
+
 /// RM0008, 7.3.10: a system reset leaves the flags of the resets before it.
 #[test]
 fn a_reset_before_the_first_one_was_read_leaves_the_power_as_the_cause() {

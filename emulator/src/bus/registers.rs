@@ -135,7 +135,7 @@ impl Bus {
         let (place, offset) = self.place(address)?;
         let index = (offset / 4) as usize;
         let done = match place {
-            Place::Timer(timer) => self.timers[timer].write(offset, value),
+            Place::Timer(timer) => self.timers[timer].write(offset, value, now),
             Place::Watchdog => self.watchdog.write(offset, value, now),
             Place::Usart => self.usart.write(offset, value, now, self.clocks.apb1),
             Place::Can => self.write_can(offset, value),

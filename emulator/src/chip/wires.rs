@@ -3,6 +3,8 @@
 use super::{CanErrors, Chip, Drive, Jumpers, Pins, Port, SentFrame, TICKS_PER_US};
 use crate::bus::{Identity, RAM, RAM_BYTES};
 use crate::device::can_line::{CanFrame, CanWiring};
+use crate::device::encoder_line::{EncoderLine, Lines};
+use crate::device::timer::Timer;
 use crate::scs::HARD_FAULT;
 
 impl Chip {
@@ -145,11 +147,27 @@ impl Chip {
         }
     }
 
-    /// Counts of an encoder that its timer did not see.
+    /// What the lines of the encoder of TIM1 to TIM4 (`timer` 1 to 4) are like from now on; by
+    /// default they are ideal. Different encoders have different jitter, and equal runs the same.
+    pub fn set_encoder_line(&mut self, timer: usize, line: EncoderLine) {
+        let Some(index) = timer.checked_sub(1).filter(|index| *index < 4) else {
+            return;
+        };
+        let position = self.encoders[index].0;
+        // Ideal lines take the short way: their edges need not be followed one by one.
+        match &mut self.lines[index] {
+            lines if line == EncoderLine::default() => *lines = None,
+            Some(lines) => lines.become_like(line),
+            lines => *lines = Some(Box::new(Lines::new(line, position, index as u64))),
+        }
+    }
+
+    /// Counts of an encoder that its timer did not see; with lines that are not ideal the difference
+    /// in all, of which the last counts may still be in the timer's filters.
     #[must_use]
     pub fn lost_counts(&self, timer: usize) -> u64 {
         let timer = timer.checked_sub(1).and_then(|i| self.bus.timers.get(i));
-        timer.map_or(0, |timer| timer.lost)
+        timer.map_or(0, Timer::lost)
     }
 
     /// Applies a voltage to an ADC channel, as the 12 bits that it converts to at 3.3 V.
