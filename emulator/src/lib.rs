@@ -14,7 +14,7 @@
 //! | `core` | decoder, instructions, exceptions |
 //! | `scs` | NVIC, system control block, SysTick, DWT |
 //! | `bus` | memory map, time, DMA transfers |
-//! | `device` | RCC, ports, timers, ADC, DMA, USART, CAN, watchdog |
+//! | `device` | RCC, ports, timers with their encoders' lines, ADC, DMA, USART, CAN, watchdog, supply |
 //! | `elf` | the firmware file |
 //! | `chip` | the whole chip, from outside |
 //! | `board` | the chip in lockstep with the simulated robot |

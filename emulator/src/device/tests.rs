@@ -273,7 +273,7 @@ fn a_decoder_follows_lines_that_bounce_and_a_counter_that_is_written() {
     };
     let mut turned = bus.clone();
     turned.timers[1].pass(slice, 9, true);
-    let mut at = |bus: &mut Bus, now: u64| {
+    let at = |bus: &mut Bus, now: u64| {
         bus.now = now;
         read(bus, TIM2 + 0x24)
     };
