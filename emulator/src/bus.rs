@@ -324,7 +324,7 @@ impl Bus {
     }
 
     /// Whether a fall of the supply interrupts: detector on, EXTI line unmasked, and its rising edge selected.
-    pub const fn watches_supply(&self) -> bool {
+    pub(crate) const fn watches_supply(&self) -> bool {
         self.power & PVDE != 0 && self.exti[0] & PVD_LINE != 0 && self.exti[2] & PVD_LINE != 0
     }
 

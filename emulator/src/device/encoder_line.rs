@@ -58,7 +58,7 @@ impl Lines {
     }
 
     /// Other properties from now on; what bounces goes on as it was.
-    pub const fn become_like(&mut self, is: EncoderLine) {
+    pub(crate) const fn become_like(&mut self, is: EncoderLine) {
         self.is = is;
     }
 
