@@ -257,6 +257,15 @@ mod tests {
     }
 
     #[test]
+    fn two_edges_at_once_count_nothing_and_the_next_ones_count_again() {
+        let edges = [(5, 0, true), (5, 1, true), (7, 0, false), (9, 1, false)];
+        let edges = edges.map(|(at, line, level)| Edge { at, line, level });
+        let mut decoder = Decoder::new([false; 2], 0);
+        assert_eq!(decoder.pass(&edges, 10, OFF), 2);
+        assert_eq!(decoder.counted, [(7, 1), (9, 1)]);
+    }
+
+    #[test]
     fn a_filter_needs_its_equal_samples_in_a_row() {
         // The firmware's: eight samples, 16 cycles apart.
         let by = Sampling::new(12, 0);
