@@ -7,6 +7,7 @@ use crate::device::can_line::{CanLine, CanWiring};
 use crate::device::dma::Dma;
 use crate::device::gpio::Gpio;
 use crate::device::rcc::{Clocks, Rcc};
+use crate::device::supply::Supply;
 use crate::device::timer::Timer;
 use crate::device::usart::Usart;
 use crate::device::watchdog::Watchdog;
@@ -34,8 +35,9 @@ const DMA_IRQ: u8 = 11;
 /// The supply has fallen under its threshold (EXTI line 16).
 const PVD_IRQ: u8 = 1;
 const PVD_LINE: u32 = 1 << 16;
-/// PWR_CR: the supply is watched; PWR_CSR: it is low.
+/// PWR_CR: the supply is watched, and at which level; PWR_CSR: it is low.
 const PVDE: u32 = 1 << 4;
+const PLS_SHIFT: u32 = 5;
 const PVDO: u32 = 1 << 2;
 const USART3_IRQ: u8 = 39;
 /// Transmit; FIFO 0, FIFO 1 and status follow.
@@ -85,7 +87,7 @@ pub(crate) struct Bus {
     exti: [u32; 6],
     debug: u32,
     power: u32,
-    pub supply_low: bool,
+    pub supply: Supply,
     /// A failed DMA transfer; reported at the next opportunity.
     pub dma_trap: Option<Trap>,
 }
@@ -181,7 +183,7 @@ impl Bus {
             exti: [0; 6],
             debug: 0,
             power: 0,
-            supply_low: false,
+            supply: Supply::default(),
             dma_trap: None,
         }
     }
@@ -314,18 +316,25 @@ impl Bus {
         }
     }
 
-    /// The supply falls below every threshold, or recovers. Returns whether the chip monitors it.
-    pub fn set_supply_low(&mut self, low: bool) -> bool {
-        let fell = low && !self.supply_low;
-        self.supply_low = low;
-        // Detector on, EXTI line unmasked, and its rising edge selected.
-        let watched =
-            self.power & PVDE != 0 && self.exti[0] & PVD_LINE != 0 && self.exti[2] & PVD_LINE != 0;
-        // An edge: a supply that was low before the detector was set up gives none.
-        if watched && fell {
+    /// The supply's voltage from now on.
+    pub fn set_supply_v(&mut self, volts: f64) {
+        self.supply.volts = volts;
+        self.adc.set_supply_v(volts);
+        self.detect_supply();
+    }
+
+    /// Whether a fall of the supply interrupts: detector on, EXTI line unmasked, and its rising edge selected.
+    pub(crate) const fn watches_supply(&self) -> bool {
+        self.power & PVDE != 0 && self.exti[0] & PVD_LINE != 0 && self.exti[2] & PVD_LINE != 0
+    }
+
+    /// Brings the voltage detector up to date.
+    fn detect_supply(&mut self) {
+        let level = (self.power & PVDE != 0).then_some(self.power >> PLS_SHIFT);
+        // An edge: a supply that was low before the line was set up gives none.
+        if self.supply.detect(level) && self.watches_supply() {
             self.scs.pend_irq(PVD_IRQ);
         }
-        watched
     }
 
     /// Feeds the transmitter while DMA has bytes for it.

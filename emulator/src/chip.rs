@@ -6,15 +6,21 @@ use crate::core::op::Op;
 use crate::core::{Cpu, Switch};
 use crate::device::TICKS_PER_SECOND;
 use crate::device::can_line::CanFrame;
+use crate::device::encoder_line::Lines;
 use crate::device::gpio::Drive;
 use crate::device::rcc::{RESET_POWER, RESET_SOFTWARE, RESET_WATCHDOG};
+use crate::device::supply::Supply;
+use crate::device::timer::Slice;
 use crate::elf;
 use crate::error::{LoadError, ResetBy, Stop};
 use crate::scs::SYSTICK;
 use crate::trap::Trap;
 
 mod figures;
+mod power;
 mod wires;
+
+use power::Power;
 
 /// Ticks of a microsecond.
 const TICKS_PER_US: u64 = TICKS_PER_SECOND / 1_000_000;
@@ -50,6 +56,16 @@ impl Pins {
     #[must_use]
     pub fn any_brake_open(&self) -> bool {
         self.brakes.contains(&Drive::High)
+    }
+
+    /// The outputs that are high: the brakes from bit 0, then gripper and drive enable.
+    fn high(&self) -> u8 {
+        let [a, b, c, d] = self.brakes;
+        let outputs = [a, b, c, d, self.gripper, self.drive_enable].into_iter();
+        let bits = (0..6).zip(outputs);
+        bits.fold(0, |bits, (place, drive)| {
+            bits | u8::from(drive == Drive::High) << place
+        })
     }
 }
 
@@ -156,6 +172,8 @@ pub struct Chip {
     until: u64,
     /// Position of each encoder, and its position after the next slice, in counts.
     encoders: [(i64, i64); 4],
+    /// Those encoders' lines that are not ideal.
+    lines: [Option<Box<Lines>>; 4],
     tick_began: u64,
     /// Core cycles when it began.
     tick_began_at: u64,
@@ -165,7 +183,8 @@ pub struct Chip {
     cycles_max: u64,
     lost_before: u64,
     instructions_before: u64,
-    brakes_opened: bool,
+    /// Outputs that were high at any time: the brakes from bit 0, then gripper and drive enable.
+    were_high: u8,
     profile: Option<Box<Profile>>,
     resets: Vec<ResetBy>,
     hangs: bool,
@@ -174,6 +193,10 @@ pub struct Chip {
     pub(crate) jumpers: Option<Jumpers>,
     /// A battery keeps the backup registers without a supply.
     pub(crate) battery: bool,
+    /// What the supply does to the chip.
+    power: Power,
+    /// The supply's voltage before it was low.
+    volts_before: Option<f64>,
 }
 
 impl Chip {
@@ -211,6 +234,7 @@ impl Chip {
             rtt: image.rtt,
             until: 0,
             encoders: [(0, 0); 4],
+            lines: [const { None }; 4],
             tick_began: 0,
             tick_began_at: 0,
             ticks: Vec::new(),
@@ -219,13 +243,15 @@ impl Chip {
             cycles_max: 0,
             lost_before: 0,
             instructions_before: 0,
-            brakes_opened: false,
+            were_high: 0,
             profile: None,
             resets: Vec::new(),
             hangs: false,
             slowness: 1,
             jumpers: None,
             battery: false,
+            power: Power::Up,
+            volts_before: None,
         })
     }
 
@@ -235,22 +261,17 @@ impl Chip {
         let flags = match by {
             ResetBy::Watchdog => RESET_WATCHDOG,
             ResetBy::Software => RESET_SOFTWARE,
+            ResetBy::Supply => RESET_POWER,
         };
         self.resets.push(by);
-        self.begin_again(flags);
+        // RM0008, 7.3.10: only a power reset clears the flags of the resets before.
+        self.begin_again(flags | self.bus.rcc.reset_flags());
     }
 
     /// Goes on after the supply was gone: RAM holds anything, all else is as at power-on. Counters of
     /// resets and lost ticks go on.
     pub fn power_on(&mut self) {
-        let seed = self.bus.now;
-        for (index, byte) in (0_u64..).zip(self.bus.ram.iter_mut()) {
-            // Anything but what was there before: the low byte of a product with an odd number.
-            *byte = (seed.wrapping_add(index).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8;
-        }
-        if !self.battery {
-            self.bus.backup = [0; 10];
-        }
+        self.forget(1.0);
         self.begin_again(RESET_POWER);
     }
 
@@ -271,6 +292,10 @@ impl Chip {
         }
         bus.adc.applied = old.adc.applied;
         bus.adc.set_supply_v(old.adc.supply_v());
+        bus.supply = Supply {
+            low: false,
+            ..old.supply
+        };
         bus.rcc.crystal_dead = old.rcc.crystal_dead;
         bus.rcc.pll_dead = old.rcc.pll_dead;
         bus.watchdog.oscillator_hz = old.watchdog.oscillator_hz;
@@ -282,10 +307,10 @@ impl Chip {
         bus.can_line.cut_off();
         bus.usart.sent = std::mem::take(&mut old.usart.sent);
         bus.scs.delivers_faults = old.scs.delivers_faults;
-        bus.supply_low = old.supply_low;
         self.bus = bus;
         self.ticks_done = 0;
-        self.hangs = false;
+        // Without a supply it does not start.
+        self.hangs = self.power.is_down();
         self.cpu = start(&mut self.bus);
     }
 
@@ -305,7 +330,20 @@ impl Chip {
             let wired = gpio.is_digital_input(pin) && gpio.is_digital_input(pin + 1);
             let cycle = self.bus.timer_cycle(timer);
             let ticks = self.until.saturating_sub(begin).max(1);
-            self.bus.timers[timer].turn(goes - stands, begin, ticks, cycle, wired);
+            let counter = &mut self.bus.timers[timer];
+            match &mut self.lines[timer] {
+                None => counter.turn(goes - stands, begin, ticks, cycle, wired),
+                Some(lines) => {
+                    let slice = Slice {
+                        levels: lines.levels(),
+                        edges: &lines.turn(stands, goes, begin, ticks),
+                        counts: goes - stands,
+                        from: begin,
+                        until: begin + ticks,
+                    };
+                    counter.pass(slice, cycle, wired);
+                }
+            }
             self.encoders[timer].0 = goes;
         }
         while self.bus.now < self.until {
@@ -317,7 +355,8 @@ impl Chip {
             }
             if self.cpu.sleeping || self.hangs {
                 // Asleep, nothing happens before the next event.
-                self.bus.now = self.bus.next_event.min(self.until).max(self.bus.now);
+                let wakes = self.bus.next_event.min(self.until);
+                self.bus.now = self.start_in_time(wakes).max(self.bus.now);
                 continue;
             }
             let index = (self.cpu.pc.wrapping_sub(FLASH) >> 1) as usize;
@@ -360,7 +399,7 @@ impl Chip {
         // Before and after: an exception may end and the next begin in the same call.
         self.account();
         // Here, since every write to a peripheral calls for attention: no short pulse is missed.
-        self.brakes_opened |= self.pins().any_brake_open();
+        self.were_high |= self.pins().high();
         // A reset comes before everything else, even before a hang: the watchdog must end it.
         if let Some(halt) = self.bus.halt {
             let by = match halt {

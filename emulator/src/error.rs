@@ -55,6 +55,9 @@ pub enum ResetBy {
     Watchdog,
     /// The firmware asked for it (SYSRESETREQ): after a panic, a fault or by intent.
     Software,
+    /// The supply fell below the power-down threshold. It never ends a run: the chip starts by itself when its supply
+    /// is back.
+    Supply,
 }
 
 /// Why the emulation stopped. Every variant names the instruction (`pc`).

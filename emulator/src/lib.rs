@@ -14,7 +14,7 @@
 //! | `core` | decoder, instructions, exceptions |
 //! | `scs` | NVIC, system control block, SysTick, DWT |
 //! | `bus` | memory map, time, DMA transfers |
-//! | `device` | RCC, ports, timers, ADC, DMA, USART, CAN, watchdog |
+//! | `device` | RCC, ports, timers with their encoders' lines, ADC, DMA, USART, CAN, watchdog, supply |
 //! | `elf` | the firmware file |
 //! | `chip` | the whole chip, from outside |
 //! | `board` | the chip in lockstep with the simulated robot |
@@ -33,6 +33,8 @@ pub use board::{ChipBoard, SharedChip};
 pub use bus::Identity;
 pub use chip::{CanErrors, Chip, Jumpers, Pins, Port, ProfileRow, SentFrame, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
+pub use device::encoder_line::EncoderLine;
 pub use device::gpio::Drive;
+pub use device::supply::SupplyLimits;
 pub use elf::flash_image;
 pub use error::{LoadError, ResetBy, Stop};

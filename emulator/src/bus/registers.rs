@@ -77,8 +77,8 @@ impl Bus {
                 (offset == 0).then_some(self.rcc.flash_acr | self.rcc.flash_acr << 1 & 32)
             }
             Place::Power => {
-                let low = self.supply_low && self.power & PVDE != 0;
-                [self.power, if low { PVDO } else { 0 }].get(index).copied()
+                let low = if self.supply.low { PVDO } else { 0 };
+                [self.power, low].get(index).copied()
             }
             // DR1 to DR10 (RM0008, 6.4.1); the rest is not emulated.
             Place::Backup => Some(index.checked_sub(1).map_or(0, |place| {
@@ -135,7 +135,7 @@ impl Bus {
         let (place, offset) = self.place(address)?;
         let index = (offset / 4) as usize;
         let done = match place {
-            Place::Timer(timer) => self.timers[timer].write(offset, value),
+            Place::Timer(timer) => self.timers[timer].write(offset, value, now),
             Place::Watchdog => self.watchdog.write(offset, value, now),
             Place::Usart => self.usart.write(offset, value, now, self.clocks.apb1),
             Place::Can => self.write_can(offset, value),
@@ -162,6 +162,7 @@ impl Bus {
             }
             Place::Power if offset == 0 => {
                 self.power = value;
+                self.detect_supply();
                 Ok(())
             }
             // PWR_CR, bit 8 (RM0008, 5.4.1).

@@ -3,6 +3,8 @@
 use super::{CanErrors, Chip, Drive, Jumpers, Pins, Port, SentFrame, TICKS_PER_US};
 use crate::bus::{Identity, RAM, RAM_BYTES};
 use crate::device::can_line::{CanFrame, CanWiring};
+use crate::device::encoder_line::{EncoderLine, Lines};
+use crate::device::timer::Timer;
 use crate::scs::HARD_FAULT;
 
 impl Chip {
@@ -26,17 +28,6 @@ impl Chip {
     /// overloaded tick.
     pub fn slow_down(&mut self, factor: u32) {
         self.slowness = u64::from(factor.max(1));
-    }
-
-    /// The supply falls below the threshold of the chip's voltage detector, or recovers. Returns
-    /// whether the firmware monitors it.
-    pub fn set_supply_low(&mut self, low: bool) -> bool {
-        self.bus.set_supply_low(low)
-    }
-
-    /// A battery at VBAT: the backup registers keep their contents without a supply.
-    pub fn fit_battery(&mut self) {
-        self.battery = true;
     }
 
     /// Writes a word of RAM, as a debugger does: to start from a state that would take weeks to
@@ -96,7 +87,7 @@ impl Chip {
 
     /// A debugger resumes the core.
     pub fn resume(&mut self) {
-        self.hangs = false;
+        self.hangs = self.power.is_down();
     }
 
     /// Virtual time since power-on, microseconds.
@@ -133,7 +124,14 @@ impl Chip {
     /// peripheral.
     #[must_use]
     pub fn brakes_ever_opened(&self) -> bool {
-        self.brakes_opened
+        self.were_high & 0xF != 0
+    }
+
+    /// Whether a brake, the gripper or the drives' enable was high at any time since power-on, as
+    /// seen after every write to a peripheral.
+    #[must_use]
+    pub fn outputs_ever_high(&self) -> bool {
+        self.were_high != 0
     }
 
     /// Applies a level to a pin; `None` leaves it to its pull.
@@ -149,22 +147,32 @@ impl Chip {
         }
     }
 
-    /// Counts of an encoder that its timer did not see.
+    /// What the lines of the encoder of TIM1 to TIM4 (`timer` 1 to 4) are like from now on; by
+    /// default they are ideal. Different encoders have different jitter, and equal runs the same.
+    pub fn set_encoder_line(&mut self, timer: usize, line: EncoderLine) {
+        let Some(index) = timer.checked_sub(1).filter(|index| *index < 4) else {
+            return;
+        };
+        let position = self.encoders[index].0;
+        // Ideal lines take the short way: their edges need not be followed one by one.
+        match &mut self.lines[index] {
+            lines if line == EncoderLine::default() => *lines = None,
+            Some(lines) => lines.become_like(line),
+            lines => *lines = Some(Box::new(Lines::new(line, position, index as u64))),
+        }
+    }
+
+    /// Counts of an encoder that its timer did not see; with lines that are not ideal the difference
+    /// in all, of which the last counts may still be in the timer's filters.
     #[must_use]
     pub fn lost_counts(&self, timer: usize) -> u64 {
         let timer = timer.checked_sub(1).and_then(|i| self.bus.timers.get(i));
-        timer.map_or(0, |timer| timer.lost)
+        timer.map_or(0, Timer::lost)
     }
 
     /// Applies a voltage to an ADC channel, as the 12 bits that it converts to at 3.3 V.
     pub fn set_adc(&mut self, channel: u8, raw: u16) {
         self.set_adc_sixteenths(channel, raw.min(4095) * 16);
-    }
-
-    /// The supply as the ADC sees it, V: its full scale. A voltage applied to a pin does not
-    /// change; the voltage detector has [`Self::set_supply_low`].
-    pub fn set_supply_v(&mut self, volts: f64) {
-        self.bus.adc.set_supply_v(volts);
     }
 
     /// Applies a voltage to an ADC channel, in sixteenths of a step at 3.3 V (0 to 65520): as

@@ -6,8 +6,11 @@ pub(crate) mod can_line;
 #[cfg(test)]
 mod can_tests;
 pub(crate) mod dma;
+pub(crate) mod encoder_line;
 pub(crate) mod gpio;
+pub(crate) mod quadrature;
 pub(crate) mod rcc;
+pub(crate) mod supply;
 #[cfg(test)]
 mod tests;
 pub(crate) mod timer;

@@ -138,6 +138,11 @@ impl Rcc {
         Ok(())
     }
 
+    /// The reset flags that the firmware has not cleared yet (CSR, bits 26 to 31).
+    pub(crate) const fn reset_flags(&self) -> u32 {
+        self.csr & 0xFC00_0000
+    }
+
     /// BDCR: the source of the real-time clock.
     pub(crate) const fn backup(&self) -> u32 {
         self.bdcr

@@ -1,5 +1,7 @@
 //! Peripherals through their registers, as firmware uses them.
 
+use super::encoder_line::Edge;
+use super::timer::Slice;
 use crate::bus::{Bus, FLASH_BYTES, Halt, RAM, RAM_BYTES};
 use crate::trap::Trap;
 
@@ -235,13 +237,69 @@ fn decoders_count_what_passes_their_filter() {
     let now = bus.now;
     bus.timers[1].turn(200, now, 72_000, 9, true);
     assert_eq!(
-        bus.timers[1].lost, 200,
+        bus.timers[1].lost(),
+        200,
         "720 ticks of each level are too short"
     );
     bus.timers[1].turn(5, now, 72_000, 9, false);
-    assert_eq!(bus.timers[1].lost, 205, "no wire, no counts");
+    assert_eq!(bus.timers[1].lost(), 205, "no wire, no counts");
     assert_eq!(
         misuse(&mut bus, TIM2 + 8, 0),
         "only quadrature decoding is emulated"
     );
+}
+
+#[test]
+fn a_decoder_follows_lines_that_bounce_and_a_counter_that_is_written() {
+    let mut bus = bus();
+    write(&mut bus, TIM2 + 8, 3);
+    write(&mut bus, TIM2 + 0x2C, 0xFFFF);
+    write(&mut bus, TIM2 + 0x18, 0xC1C1);
+    write(&mut bus, TIM2, 1);
+    // A rises at 10,000 and bounces once, for twice the filter's 1152 ticks; B rises at 50,000.
+    let edges = [
+        (10_000, 0, true),
+        (12_304, 0, false),
+        (14_608, 0, true),
+        (50_000, 1, true),
+    ];
+    let edges = edges.map(|(at, line, level)| Edge { at, line, level });
+    let slice = Slice {
+        levels: [false; 2],
+        edges: &edges,
+        counts: 2,
+        from: 0,
+        until: 72_000,
+    };
+    let mut turned = bus.clone();
+    turned.timers[1].pass(slice, 9, true);
+    let at = |bus: &mut Bus, now: u64| {
+        bus.now = now;
+        read(bus, TIM2 + 0x24)
+    };
+    let times = [10_000, 11_300, 13_600, 16_000, 49_000, 52_000];
+    let found = times.map(|now| at(&mut turned, now));
+    assert_eq!(found, [0, 1, 0, 1, 1, 2]);
+    assert_eq!(turned.timers[1].lost(), 0);
+    // What was counted before a write is gone, what comes later is added.
+    turned.now = 30_000;
+    write(&mut turned, TIM2 + 0x24, 100);
+    assert_eq!([30_000, 60_000].map(|now| at(&mut turned, now)), [100, 101]);
+    // One inverted input turns the direction; both filters count.
+    let mut turned = bus.clone();
+    write(&mut turned, TIM2 + 0x20, 2);
+    turned.timers[1].pass(slice, 9, true);
+    assert_eq!(at(&mut turned, 60_000), 0xFFFE);
+    // Without wires nothing is counted, nor when they are there again.
+    bus.timers[1].pass(slice, 9, false);
+    let still = Slice {
+        levels: [true; 2],
+        edges: &[],
+        counts: 0,
+        from: 72_000,
+        until: 144_000,
+    };
+    bus.timers[1].pass(still, 9, true);
+    assert_eq!(at(&mut bus, 144_000), 0);
+    assert_eq!(bus.timers[1].lost(), 2);
 }

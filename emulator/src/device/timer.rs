@@ -1,9 +1,7 @@
 //! Timers as quadrature decoders with input filters (RM0008, 14.3.12 and 15.3.12).
 
-/// Input filters: sampling divider times number of equal samples, in cycles of the timer's clock.
-const FILTERS: [u64; 16] = [
-    0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192, 256,
-];
+use super::encoder_line::Edge;
+use super::quadrature::{Decoder, Sampling};
 
 /// The encoder's motion during a slice: evenly spaced edges.
 #[derive(Debug, Clone, Copy, Default)]
@@ -19,8 +17,26 @@ pub(crate) struct Timer {
     /// The count at the beginning of the travel.
     count: i64,
     travel: Travel,
+    /// Where the encoder's lines are not ideal.
+    decoder: Option<Decoder>,
+    /// What the encoder has turned, and the decoder has not counted.
+    owed: i64,
     /// Edges that were filtered out, or that came while the counter was off.
-    pub lost: u64,
+    lost: u64,
+}
+
+/// A slice of an encoder whose lines are not ideal.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Slice<'a> {
+    /// Levels at its beginning.
+    pub levels: [bool; 2],
+    /// In their order.
+    pub edges: &'a [Edge],
+    /// What the encoder turns.
+    pub counts: i64,
+    /// Beginning and end, in ticks.
+    pub from: u64,
+    pub until: u64,
 }
 
 const CR1: usize = 0;
@@ -47,12 +63,32 @@ impl Timer {
         (inputs && counts).then_some(if turned { -1 } else { 1 })
     }
 
+    /// Filters of both inputs, in cycles of the timer's clock.
+    fn filters(&self) -> [Sampling; 2] {
+        let divider = self.registers[CR1] >> 8 & 3;
+        [4, 12].map(|shift| Sampling::new(self.registers[CCMR1] >> shift & 15, divider))
+    }
+
     /// Time that an input must stay, in cycles of the timer's clock.
     fn filter(&self) -> u64 {
-        let first = FILTERS[(self.registers[CCMR1] >> 4 & 15) as usize];
-        let second = FILTERS[(self.registers[CCMR1] >> 12 & 15) as usize];
-        // CKD slows the sampling clock by 1, 2 or 4.
-        first.max(second) << (self.registers[CR1] >> 8 & 3)
+        let [first, second] = self.filters().map(Sampling::length);
+        first.max(second)
+    }
+
+    /// Counts of the encoder that were not counted. The last ones may still be in the filters of lines that are not
+    /// ideal.
+    pub const fn lost(&self) -> u64 {
+        self.lost + self.owed.unsigned_abs()
+    }
+
+    /// The slice before has ended.
+    fn settle(&mut self) {
+        // Its filter delay is not carried over to the next slice.
+        self.count += self.travel.counts;
+        self.travel = Travel::default();
+        if let Some(decoder) = &mut self.decoder {
+            self.count += decoder.counted.drain(..).map(|(_, step)| step).sum::<i64>();
+        }
     }
 
     fn counted(&self, now: u64, cycle: u64) -> i64 {
@@ -63,15 +99,19 @@ impl Timer {
         } = self.travel;
         // A filtered edge arrives as much later as the filter is long.
         let passed = now.saturating_sub(from + self.filter() * cycle).min(ticks);
+        let decoded = self.decoder.iter().flat_map(|decoder| &decoder.counted);
+        let decoded = decoded.filter(|(at, _)| *at <= now);
+        let decoded: i64 = decoded.map(|(_, step)| step).sum();
         // 128 bits: a travel of many counts times many ticks may pass 2^63.
-        self.count + (i128::from(counts) * i128::from(passed) / i128::from(ticks.max(1))) as i64
+        self.count
+            + decoded
+            + (i128::from(counts) * i128::from(passed) / i128::from(ticks.max(1))) as i64
     }
 
     /// Lets the encoder turn by `counts` in the next `ticks`. `wired`: both pins are inputs.
     pub fn turn(&mut self, counts: i64, now: u64, ticks: u64, cycle: u64, wired: bool) {
-        // The travel before has ended: its filter delay is not carried over to the next slice.
-        self.count += self.travel.counts;
-        self.travel = Travel::default();
+        self.settle();
+        self.decoder = None;
         let Some(sense) = self.sense().filter(|_| wired) else {
             self.lost += counts.unsigned_abs();
             return;
@@ -90,6 +130,29 @@ impl Timer {
         };
     }
 
+    /// As [`Self::turn`], of an encoder whose lines are not ideal.
+    pub fn pass(&mut self, slice: Slice<'_>, cycle: u64, wired: bool) {
+        self.settle();
+        let Some(sense) = self.sense().filter(|_| wired) else {
+            // The filters follow their inputs from when the counter starts.
+            self.decoder = None;
+            self.lost += slice.counts.unsigned_abs();
+            return;
+        };
+        let by = self.filters().map(|filter| filter.scaled(cycle));
+        let decoder = self
+            .decoder
+            .get_or_insert_with(|| Decoder::new(slice.levels, slice.from));
+        let counted = decoder.pass(slice.edges, slice.until, by);
+        self.owed += slice.counts - counted;
+        if sense < 0 {
+            decoder
+                .counted
+                .iter_mut()
+                .for_each(|(_, step)| *step = -*step);
+        }
+    }
+
     pub fn read(&self, offset: u32, now: u64, cycle: u64) -> Option<u32> {
         match offset {
             0x24 => Some(self.counted(now, cycle) as u32 & 0xFFFF),
@@ -98,18 +161,21 @@ impl Timer {
         }
     }
 
-    pub fn write(&mut self, offset: u32, value: u32) -> Result<(), &'static str> {
+    /// The counter is written.
+    fn restart(&mut self, count: u32, now: u64) {
+        self.count = i64::from(count & 0xFFFF);
+        self.travel = Travel::default();
+        if let Some(decoder) = &mut self.decoder {
+            decoder.counted.retain(|(at, _)| *at > now);
+        }
+    }
+
+    pub fn write(&mut self, offset: u32, value: u32, now: u64) -> Result<(), &'static str> {
         let index = (offset / 4) as usize;
         match offset {
-            0x24 => {
-                self.count = i64::from(value & 0xFFFF);
-                self.travel = Travel::default();
-            }
+            0x24 => self.restart(value, now),
             // An update event restarts the count.
-            0x14 if value & 1 != 0 => {
-                self.count = 0;
-                self.travel = Travel::default();
-            }
+            0x14 if value & 1 != 0 => self.restart(0, now),
             0x14 => {}
             0..=0x4C => {
                 if let Some(register) = self.registers.get_mut(index) {

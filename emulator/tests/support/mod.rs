@@ -1,6 +1,8 @@
 //! The real firmware file on the emulated chip, and a host that communicates with it.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub mod power;
+
 use mcdpr_emulator::{Chip, Port};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
 use mcdpr_protocol::message::{CONFIG_CHUNK, decode};
@@ -69,6 +71,20 @@ impl Bench {
         bench
     }
 
+    /// The same chip once more, with the same session. Between two frames only.
+    pub fn fork(&self) -> Self {
+        Self {
+            chip: self.chip.clone(),
+            deframer: Deframer::new(),
+            sequence: self.sequence,
+            hellos: Vec::new(),
+            answers: Vec::new(),
+            statuses: Vec::new(),
+            blocks: Vec::new(),
+            bad_frames: 0,
+        }
+    }
+
     /// Runs, and decodes the received bytes.
     pub fn run_ms(&mut self, ms: u64) {
         for _ in 0..ms * 1000 / SLICE_US {
@@ -120,26 +136,32 @@ impl Bench {
     /// Sends a request and returns its answer, which must arrive within 12 ms; that to a
     /// configuration, which the board builds in slices, within 32 ms.
     pub fn ask(&mut self, request: Request) -> Answer {
+        let most_ms = match request {
+            Request::ConfigCommit { .. } => 32,
+            _ => 12,
+        };
+        let shown = format!("{request:?}");
+        self.answers.clear();
+        self.tell(request);
+        self.run_ms(most_ms);
+        assert_eq!(self.answers.len(), 1, "one answer for {shown}");
+        self.answers.remove(0)
+    }
+
+    /// Sends a request without waiting for its answer.
+    pub fn tell(&mut self, request: Request) {
         let sequenced = request.is_sequenced();
         let command = Command {
             session: SessionId(0x1234),
             sequence: SequenceNumber(self.sequence),
             request,
         };
-        let most_ms = match command.request {
-            Request::ConfigCommit { .. } => 32,
-            _ => 12,
-        };
         let mut frame = [0; MAX_FRAME];
         let used = encode_frame(Channel::Command, &command, &mut frame).expect("fits");
-        self.answers.clear();
         self.chip.uart_send(&frame[..used]);
-        self.run_ms(most_ms);
-        assert_eq!(self.answers.len(), 1, "one answer for {command:?}");
         if sequenced {
             self.sequence += 1;
         }
-        self.answers.remove(0)
     }
 
     /// As [`Self::ask`]; a refusal fails the test.
