@@ -281,12 +281,16 @@ impl VirtualBoard for ChipBoard {
         if !received.is_empty() {
             chip.uart_send(received);
         }
+        let resets = chip.resets().len();
         if let Err(stop) = chip.run_us(SLICE_US) {
             let Stop::Reset { by, .. } = stop else {
                 let reason = format!("emulated chip: {stop}");
                 return Err(PlantError::Board { reason });
             };
             chip.restart(by);
+        }
+        // A dip of its supply resets it, too.
+        if chip.resets().len() > resets {
             self.heard.restart();
         }
         self.act(plant, &chip)?;

@@ -178,7 +178,8 @@ pub enum LinkError {
     #[diagnostic(
         code(mcdpr::link::board),
         help(
-            "the emulated chip drives robots of four winches; what its firmware did wrong is named with its address"
+            "an emulated chip: what its firmware did wrong is named with its address. A board in the loop: see docs/hil.md. \
+             Both drive robots of four winches"
         )
     )]
     Board {

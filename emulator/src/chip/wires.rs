@@ -192,7 +192,7 @@ impl Chip {
     }
 
     /// The next so many bytes to USART3 arrive without a stop bit.
-    pub(crate) fn uart_damage(&mut self, bytes: u16) {
+    pub fn uart_damage(&mut self, bytes: u16) {
         let damaged = &mut self.bus.usart.damaged;
         *damaged = damaged.saturating_add(bytes);
     }

@@ -62,7 +62,7 @@ impl Lengths {
         Self {
             before: found.checked(u16::from_le_bytes([low, high])),
             // A processor that hung was not reset before the watchdog's time had passed. A reset by the pin lasts as
-            // long as the button is pressed. A supply that fell under 2.9 V may have been too low for the encoders.
+            // long as the button is pressed. A supply that fell under 2.8 V may have been too low for the encoders.
             counted: match reset.cause {
                 ResetCause::Software => true,
                 ResetCause::Panic => reset.fault() == Some(FaultId::P4),

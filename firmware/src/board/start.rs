@@ -28,7 +28,7 @@ const PLL_MS: u32 = 1;
 
 /// The voltage detector's line of EXTI.
 const SUPPLY_LINE: usize = 16;
-/// Field of PWR_CR: 2.9 V.
+/// Field of PWR_CR: the highest threshold, 2.66 to 2.90 V while falling.
 // The highest threshold of the detector: it leaves the most time to close the brakes.
 const PVD_2V9: u8 = 7;
 /// Field of AFIO_MAPR: receive on PB8, transmit on PB9.
@@ -101,7 +101,7 @@ fn bring_up() -> (
     (incoming, outgoing, syst)
 }
 
-/// From here on a supply under 2.9 V, of 3.3 V, closes the brakes (P1). One that is low already gives no edge: then
+/// From here on a supply under some 2.8 V, of 3.3 V, closes the brakes (P1). One that is low already gives no edge: then
 /// the board waits until it is not, with every output off, and the encoders count on.
 fn watch_supply(keeper: &mut Keeper) {
     pac::PWR.cr().write(|w| {

@@ -55,10 +55,13 @@ pub struct HilBoard {
     now_us: u64,
     /// Real time and simulated time (us) that go together.
     anchor: Option<(Instant, u64)>,
-    /// The board's tick when simulated time was 0.
+    /// The board's tick when simulated time was 0, and its present tick.
     tick_offset: Option<f64>,
+    now: Tick,
     supply_low: bool,
     powered: bool,
+    /// Bytes of this slice are to arrive damaged.
+    disturbed: bool,
 }
 
 impl HilBoard {
@@ -93,8 +96,10 @@ impl HilBoard {
             now_us: 0,
             anchor: None,
             tick_offset: None,
+            now: Tick(0),
             supply_low: false,
             powered: true,
+            disturbed: false,
         })
     }
 
@@ -178,6 +183,7 @@ impl HilBoard {
             (self.powered, input::SUPPLY),
             (self.supply_low, input::SUPPLY_LOW),
             (plant.faults().bus_off, input::CAN_SHORTED),
+            (self.disturbed, input::LINE_DISTURBED),
         ];
         let on = bits.iter().filter(|(on, _)| *on);
         self.set.inputs = on.fold(0, |all, (_, bit)| all | bit);
@@ -230,6 +236,17 @@ impl HilBoard {
         self.heard.listen(send.get(before..).unwrap_or_default());
         self.follow_ticks();
         Ok(())
+    }
+
+    /// The board's tick at this time.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a tick counts milliseconds, and saturates"
+    )]
+    fn tick_now(&self) -> Tick {
+        let offset = self.tick_offset.unwrap_or(0.0);
+        Tick((self.now_us as f64 * 1e-3 + offset).round().max(0.0) as u32)
     }
 
     /// The board's clock, by the blocks of samples that waited least.
@@ -343,6 +360,10 @@ impl VirtualBoard for HilBoard {
             self.set.line_bytes = self.set.line_bytes.wrapping_add(received.len() as u32);
         }
         self.exchange(send).map_err(failed)?;
+        // A tick of the record once a millisecond.
+        if self.now_us.is_multiple_of(1000) {
+            self.now = self.tick_now();
+        }
         self.act(plant)
     }
 
@@ -372,6 +393,10 @@ impl VirtualBoard for HilBoard {
         }
     }
 
+    fn line_errors(&mut self, errors: u16) {
+        self.disturbed = errors > 0;
+    }
+
     fn state(&self) -> State {
         self.heard.state
     }
@@ -388,14 +413,8 @@ impl VirtualBoard for HilBoard {
         BEHIND_TICKS
     }
 
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a tick counts milliseconds, and saturates"
-    )]
     fn now(&self) -> Tick {
-        let offset = self.tick_offset.unwrap_or(0.0);
-        Tick((self.now_us as f64 * 1e-3 + offset).round().max(0.0) as u32)
+        self.now
     }
 
     fn fault(&self) -> Option<FaultRecord> {

@@ -193,3 +193,41 @@ mod interface {
         }
     }
 }
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    /// Through the kernel, where it has virtual CAN interfaces and `vcan0` is up; elsewhere the error says
+    /// what to do.
+    #[test]
+    fn frames_pass_between_two_programs_on_an_interface_or_the_error_helps() {
+        let (mut one, mut other) = match (open("vcan0", 1_000_000), open("vcan0", 1_000_000)) {
+            (Ok(one), Ok(other)) => (one, other),
+            (Err(error), _) | (_, Err(error)) => {
+                println!("no vcan0 here: {error}");
+                assert!(error.to_string().starts_with("CAN vcan0: "), "{error}");
+                let help = miette::Diagnostic::help(&error).map(|help| help.to_string());
+                assert!(help.is_some_and(|help| help.contains("ip link")));
+                return;
+            }
+        };
+        let frame = CanFrame {
+            id: 0x123,
+            len: 3,
+            data: [1, 2, 3, 0, 0, 0, 0, 0],
+        };
+        for wire in [&mut one, &mut other] {
+            wire.connect(true).unwrap();
+        }
+        one.send(&frame).unwrap();
+        let mut found = Vec::new();
+        for _ in 0..1000 {
+            other.receive(&mut found, true).unwrap();
+            if !found.is_empty() {
+                break;
+            }
+        }
+        assert_eq!(found, [frame]);
+    }
+}

@@ -239,6 +239,10 @@ impl Bench {
             }
         }
         if !self.from_line.is_empty() && self.powered {
+            if self.set.inputs & input::LINE_DISTURBED != 0 {
+                let bytes = u16::try_from(self.from_line.len()).unwrap_or(u16::MAX);
+                self.chip.uart_damage(bytes);
+            }
             self.chip.uart_send(&self.from_line);
         }
         self.from_line.clear();

@@ -24,6 +24,8 @@ pub(super) mod input {
     pub(in super::super) const SUPPLY_LOW: u8 = 8;
     /// CAN high and low are shorted.
     pub(in super::super) const CAN_SHORTED: u8 = 16;
+    /// The line from the host is disturbed: its bytes arrive without a stop bit.
+    pub(in super::super) const LINE_DISTURBED: u8 = 32;
 }
 
 /// Output bits of the board under test: brakes from bit 0.

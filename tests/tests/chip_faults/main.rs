@@ -15,7 +15,7 @@ mod reactions;
 mod refusals;
 
 use mcdpr::experiment::SimulatedRobot;
-use mcdpr::link::SimulatedLink;
+use mcdpr::link::{Link, SimulatedLink};
 use mcdpr::machine::{self, Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;

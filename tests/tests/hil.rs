@@ -1,0 +1,116 @@
+//! A board in the loop: the emulated chip in another process, behind the three wires of a real one.
+
+use mcdpr::experiment::{Experiment, SimulatedRobot, SimulatedRun};
+use mcdpr::hil::Wires;
+use mcdpr::machine::{Controller, Mismatch};
+use mcdpr::motion::{Model, Task};
+use mcdpr::robot::Robot;
+use mcdpr_tests::chip::{LINE, firmware};
+use mcdpr_tests::in_the_loop::Emulated;
+use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
+
+fn model() -> Model {
+    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
+}
+
+fn line(model: &Model, controller: &Controller) -> SimulatedRun {
+    let robot = SimulatedRobot::new(Mismatch::realistic(), 5).controller(controller);
+    let task = Task::parse(LINE, "line.toml".into()).unwrap();
+    Experiment::new(model, task).simulate(&robot).unwrap()
+}
+
+#[test]
+fn a_line_with_the_board_in_the_loop_has_the_figures_of_the_chip_in_this_process() {
+    let model = model();
+    let emulated = Emulated::start(None);
+    let wires = Wires::parse(&emulated.on, 1.0).unwrap();
+    let mut means = Vec::new();
+    for controller in [Controller::Chip(firmware()), Controller::Hil(wires)] {
+        let run = line(&model, &controller).run;
+        let figures = run.figures(&model).unwrap();
+        let (tool, tension) = (figures.path_error_m.unwrap(), figures.tension_error_n);
+        println!(
+            "tool {:.4} / {:.4} mm, tension {:.4} N",
+            tool.mean * 1e3,
+            tool.max * 1e3,
+            tension.mean_abs
+        );
+        means.push([tool.mean, tension.mean_abs]);
+    }
+    // A slice is 250 us there and 50 us here: the board sees the plant up to 0.2 ms later.
+    for (chip, looped) in means[0].into_iter().zip(means[1]) {
+        assert!((looped / chip - 1.0).abs() < 0.08, "{means:?}");
+    }
+}
+
+#[test]
+fn two_runs_with_the_board_in_the_loop_are_alike_to_the_last_bit() {
+    let model = model();
+    let emulated = Emulated::start(None);
+    let wires = Wires::parse(&emulated.on, 1.0).unwrap();
+    let runs = [0, 1].map(|_| line(&model, &Controller::Hil(wires.clone())));
+    assert_eq!(runs[0].run.samples, runs[1].run.samples);
+}
+
+#[test]
+fn a_board_whose_time_passes_by_itself_arms_and_disarms() {
+    // A fifth of real time, so that a busy computer is not late.
+    let emulated = Emulated::start(Some("0.2"));
+    let mut command = mcdpr();
+    command.args(["doctor", "--arm", "--robot", "paper-table5", "--time-scale"]);
+    let output = command.args(["0.2", "--on", &emulated.on]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}{output:?}");
+}
+
+/// What the program says of a run on these wires, which it refuses.
+fn refused(folder: &Folder, robot: &str, on: &str) -> String {
+    let output = mcdpr()
+        .args(["run", "fitting", "--robot", robot, "--on", on])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(!output.status.success(), "{on}");
+    let said = String::from_utf8_lossy(&output.stderr).replace('│', "");
+    said.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn wires_that_are_none_are_named() {
+    let folder = Folder::new("hil-wires");
+    let refused = |on: &str| refused(&folder, "paper-table5", on);
+    let two = refused("hil:/dev/ttyUSB0,can0");
+    assert!(two.contains("three wires are needed, not 2"), "{two}");
+    let gone = refused("hil:/dev/nowhere,can0,/dev/nothing");
+    assert!(gone.contains("signal board /dev/nothing"), "{gone}");
+    let emulated = Emulated::start(None);
+    let names = emulated.on.trim_start_matches("hil:");
+    let [line, can, signals]: [&str; 3] =
+        names.split(',').collect::<Vec<_>>().try_into().unwrap();
+    let silent = refused(&format!("hil:{signals},{can},{line}"));
+    assert!(silent.contains("does not answer the greeting"), "{silent}");
+    let bus = refused(&format!("hil:{line},nocan7,{signals}"));
+    assert!(bus.contains("CAN nocan7"), "{bus}");
+    let eight = self::refused(&folder, "eight-cable", &emulated.on);
+    assert!(eight.contains("four"), "{eight}");
+}
+
+#[test]
+fn a_board_that_goes_while_the_robot_moves_ends_the_run() {
+    let folder = Folder::new("hil-gone");
+    let emulated = Emulated::start(None);
+    let mut moving = mcdpr()
+        .args(["run", "paper:table7", "--robot", "paper-table5", "--json"])
+        .args(["--on", &emulated.on])
+        .current_dir(folder.path())
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    mcdpr_tests::process::breathe();
+    drop(emulated);
+    let most = std::time::Duration::from_secs(60);
+    let status = mcdpr_tests::process::ends_within(&mut moving, most, "the run");
+    assert!(!status.success());
+}
