@@ -7,8 +7,9 @@ use std::sync::Mutex;
 use std::sync::mpsc;
 
 /// Programs that measure reaction times, or whose boards run by the clock: nothing runs beside them. They come last.
-const ALONE: [&str; 7] = [
+const ALONE: [&str; 8] = [
     "two_ports",
+    "hil",
     "page",
     "cockpit",
     "cockpit_runs",
@@ -25,6 +26,13 @@ const LONG: [&str; 6] = [
     "interruption",
     "dry_run",
 ];
+/// A program that runs once more: with this variable of the environment, and these of its tests. The chip is then in
+/// another process, behind the wires of a board in the loop (docs/hil.md).
+const AGAIN: (&str, (&str, &str), [&str; 2]) = (
+    "chip_faults",
+    ("MCDPR_IN_THE_LOOP", "emulated"),
+    ["reactions::d1", "refusals::"],
+);
 /// Programs at a time: their own threads use all processors already.
 const AT_A_TIME: usize = 2;
 
@@ -47,7 +55,17 @@ pub(crate) fn run(cargo: &str, arguments: &[&str], firmware: &Path) -> Result<()
     let (alone, mut others): (Vec<_>, Vec<_>) = programs.into_iter().partition(is_alone);
     // Taken from the end.
     others.sort_by_key(|program| LONG.contains(&program.name.as_str()));
+    let again = others.iter().find(|program| program.name == AGAIN.0);
+    let again = again.cloned();
     let mut failed = beside(others, firmware);
+    if let Some(program) = again {
+        let (_, (name, value), tests) = AGAIN;
+        let mut command = command(&program, firmware);
+        let output = crate::times::timed("chip_faults in the loop", || {
+            command.env(name, value).args(tests).output()
+        });
+        failed.extend(report(&program, &output));
+    }
     for program in alone {
         let output = start(&program, firmware);
         failed.extend(report(&program, &output));
@@ -83,13 +101,18 @@ fn beside(programs: Vec<Program>, firmware: &Path) -> Vec<String> {
 }
 
 fn start(program: &Program, firmware: &Path) -> std::io::Result<Output> {
+    let mut command = command(program, firmware);
+    crate::times::timed(&program.name, || command.output())
+}
+
+fn command(program: &Program, firmware: &Path) -> Command {
     let mut command = Command::new(&program.file);
     command
         .current_dir(&program.folder)
         .env("CARGO_MANIFEST_DIR", &program.folder)
         .env("MCDPR_FIRMWARE", firmware)
         .stdin(Stdio::null());
-    crate::times::timed(&program.name, || command.output())
+    command
 }
 
 /// Prints what a program said; its name if it failed.
