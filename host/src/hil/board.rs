@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 /// Slice of time where the board's time passes only on request, and where it passes by itself, us.
 const STEPPED_US: u64 = 250;
-const FREE_US: u64 = 1000;
+const FREE_US: u64 = 500;
 /// Longest time between two looks at the drives, us.
 const DRIVES_US: u64 = 100;
 /// The signal board must answer the greeting in this time, and every sentence.

@@ -16,7 +16,7 @@ const SLICE_US: u32 = 50;
 /// ADC channels of the tension sensors.
 const TENSION: [u8; CHANNELS] = [4, 5, 8, 9];
 /// How often the wires are looked at in real time, us of the chip.
-const LOOK_US: u64 = 500;
+const LOOK_US: u64 = 250;
 /// Where the chip is later than this, its time stands still, us.
 const LATE_US: u64 = 20_000;
 

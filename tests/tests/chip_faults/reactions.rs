@@ -198,6 +198,24 @@ fn d2_d6_what_a_drive_reports_stops_the_robot_of_the_chip() {
     stops(&[("D2:4@0.9s", FaultId::D2, 4, 30, 2e-3)]);
 }
 
+/// Its current freewheels, and the brake closes some nine times later than the module file says.
+#[test]
+fn b3_a_plain_diode_across_a_brakes_coil_is_noticed_by_the_chip() {
+    let model = model();
+    let (link, seen) = super::robot(&model);
+    link.with(|simulation| {
+        simulation.plant_mut().faults_mut().cables[1].brake.freewheels = true;
+    });
+    let run = Experiment::new(&model, line())
+        .at_home()
+        .session(SessionId(1))
+        .run_on(link.clone());
+    println!("{:?}", run.as_ref().err());
+    let record = link.with(|simulation| simulation.fault()).unwrap();
+    assert_eq!((record.fault, record.cable), (FaultId::B3, 2), "{record:?}");
+    assert!(seen.was_never_reset());
+}
+
 /// A chip's counters start at 0, so that cables that are paid out and cables that are hauled in
 /// cannot both do without a wrap.
 #[test]
