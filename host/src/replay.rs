@@ -220,7 +220,7 @@ pub fn replay(run: &RecordedRun, controller: &Controller) -> Result<Proof, Repla
             })?;
             Some(core(run, robot)?)
         }
-        Machine::Simulated { .. } | Machine::Port { .. } => None,
+        Machine::Simulated { .. } | Machine::InTheLoop { .. } | Machine::Port { .. } => None,
     };
     if host_bytes.is_none() && core_bytes.is_none() {
         let reason = match (scenario.doing, &scenario.machine) {
@@ -232,6 +232,9 @@ pub fn replay(run: &RecordedRun, controller: &Controller) -> Result<Proof, Repla
             }
             (_, Machine::Simulated { .. }) => {
                 "another firmware answered; name it with --on chip --firmware FILE".to_owned()
+            }
+            (_, Machine::InTheLoop { wires, .. }) => {
+                format!("a person gave the orders, and the board on {wires} answered")
             }
             (_, Machine::Port { name }) => format!("a person gave the orders, and {name} answered"),
         };

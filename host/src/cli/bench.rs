@@ -102,7 +102,7 @@ fn open(common: &Common) -> miette::Result<Box<dyn Link>> {
     if common.on != "sim" {
         return Ok(Box::new(common.open_one_port().map_err(ClientError::from)?));
     }
-    if common.controller.firmware().is_none() {
+    if common.controller.is_in_process() {
         return Err(BenchError::NoChip.into());
     }
     let robot = Robot::built_in("paper-table5")?;

@@ -118,6 +118,9 @@ impl Cmd {
         findings.push(Finding::good(
             "port",
             match (&simulated, common.controller.firmware()) {
+                _ if common.controller.wires().is_some() => {
+                    "a simulated robot with a board in the loop".into()
+                }
                 (Some(_), Some(_)) => {
                     "a simulated robot with the firmware on an emulated chip".into()
                 }

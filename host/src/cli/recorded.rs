@@ -85,7 +85,13 @@ impl Recorded {
         let failed = || Failed::from_error(&what);
         let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
         let simulated = common.on == "sim";
-        let machine = if simulated {
+        let machine = if let Some(wires) = common.controller.wires() {
+            Machine::InTheLoop {
+                mismatch: *mismatch,
+                seed: common.seed,
+                wires: wires.to_string(),
+            }
+        } else if simulated {
             Machine::Simulated {
                 mismatch: *mismatch,
                 seed: common.seed,

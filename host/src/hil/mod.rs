@@ -79,6 +79,15 @@ pub struct Wires {
     pub time_scale: f64,
 }
 
+impl std::fmt::Display for Wires {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            line, can, signals, ..
+        } = self;
+        write!(formatter, "{line},{can},{signals}")
+    }
+}
+
 impl Wires {
     /// Whether `--on` names a board in the loop.
     #[must_use]

@@ -181,6 +181,15 @@ impl Controller {
         firmware.map_or(Self::InProcess, |firmware| Self::Chip(firmware.clone()))
     }
 
+    /// The wires to a board outside.
+    #[must_use]
+    pub(crate) const fn wires(&self) -> Option<&Wires> {
+        match self {
+            Self::Hil(wires) => Some(wires),
+            _ => None,
+        }
+    }
+
     /// Whether it is the control core in this process.
     #[must_use]
     pub(crate) const fn is_in_process(&self) -> bool {

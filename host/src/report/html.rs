@@ -84,6 +84,9 @@ fn machine(run: &RecordedRun) -> String {
             };
             format!("simulation {how}, seed {seed}{core}")
         }
+        Machine::InTheLoop { seed, wires, .. } => {
+            format!("simulation with the board on {wires} in the loop, seed {seed}")
+        }
         Machine::Port { name } => format!("board on {name}"),
     }
 }
@@ -181,10 +184,10 @@ pub fn report(
     let head = ["check", "", "numbers"].map(str::to_owned).to_vec();
     body += &table(&std::iter::once(head).chain(verdicts).collect::<Vec<_>>());
     body += "<h2>Figures</h2>";
-    let title = if matches!(run.scenario.machine, Machine::Simulated { .. }) {
-        "simulation"
-    } else {
+    let title = if matches!(run.scenario.machine, Machine::Port { .. }) {
         "hardware"
+    } else {
+        "simulation"
     };
     let mut rows = vec![vec!["figure".to_owned(), title.to_owned()]];
     rows.extend(figure_rows(&[judgement]));

@@ -82,7 +82,12 @@ impl Seen {
     /// Whether a brake of the plant is open.
     fn any_brake_open(&self) -> bool {
         let truth = self.link.with(|simulation| simulation.plant().truth());
-        truth.unwrap().brakes_closed.iter().take(4).any(|closed| !closed)
+        truth
+            .unwrap()
+            .brakes_closed
+            .iter()
+            .take(4)
+            .any(|closed| !closed)
     }
 }
 
@@ -94,7 +99,10 @@ fn robot(model: &Model) -> (SimulatedLink, Seen) {
     let plant = machine::hang(params, pose, tensions, model.holding().by_tension(), 3).unwrap();
     let options = LinkOptions::default();
     let (simulation, chip) = if let Controller::Hil(_) = controller() {
-        (machine::with_board(plant, &options, 3, &controller()).unwrap(), None)
+        (
+            machine::with_board(plant, &options, 3, &controller()).unwrap(),
+            None,
+        )
     } else {
         let board = firmware().board().unwrap();
         let chip = board.chip();

@@ -2,6 +2,7 @@
 
 use super::{line, model, run_on, run_with};
 use mcdpr::experiment::Experiment;
+use mcdpr::link::Link;
 use mcdpr::motion::Model;
 use mcdpr::robot::{DriveKind, Robot};
 use mcdpr_firmware::State;
@@ -204,12 +205,20 @@ fn b3_a_plain_diode_across_a_brakes_coil_is_noticed_by_the_chip() {
     let model = model();
     let (link, seen) = super::robot(&model);
     link.with(|simulation| {
-        simulation.plant_mut().faults_mut().cables[1].brake.freewheels = true;
+        simulation.plant_mut().faults_mut().cables[1]
+            .brake
+            .freewheels = true;
     });
     let run = Experiment::new(&model, line())
         .at_home()
         .session(SessionId(1))
         .run_on(link.clone());
+    // The brakes close after the motion.
+    let mut line = link.clone();
+    let until_us = line.now_us() + 1_500_000;
+    while line.now_us() < until_us {
+        line.receive(until_us, &mut Vec::new()).unwrap();
+    }
     println!("{:?}", run.as_ref().err());
     let record = link.with(|simulation| simulation.fault()).unwrap();
     assert_eq!((record.fault, record.cable), (FaultId::B3, 2), "{record:?}");

@@ -28,6 +28,16 @@ pub enum Machine {
         /// control core in the program itself.
         firmware: Option<u32>,
     },
+    /// A simulated robot in this process, in front of a board outside: its answers cannot be simulated
+    /// again.
+    InTheLoop {
+        /// Its mismatch from its description.
+        mismatch: Mismatch,
+        /// Seed of everything random.
+        seed: u64,
+        /// The wires to the board.
+        wires: String,
+    },
     /// A board behind a port.
     Port {
         /// Its name.

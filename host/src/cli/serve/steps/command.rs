@@ -2,6 +2,8 @@
 
 use super::catalogue::{How, Kind, Opt, Step};
 use crate::cli::Common;
+use crate::hil::Wires;
+use crate::machine::Controller;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -21,12 +23,16 @@ pub(super) struct Base {
 
 impl Base {
     pub(super) fn of(common: &Common) -> Self {
-        let chip = common.controller.firmware().is_some();
+        // The emulated chip and a board in the loop count as simulated robots once they were found.
+        let on = match &common.controller {
+            Controller::Chip(_) => "chip".to_owned(),
+            Controller::Hil(wires) => format!("hil:{wires}"),
+            Controller::InProcess => common.on.clone(),
+        };
         Self {
             robot: common.robot.clone(),
             calibration: common.calibration.clone(),
-            // The emulated chip counts as a simulated robot once it was found.
-            on: if chip { "chip" } else { &common.on }.to_owned(),
+            on,
             firmware: common.firmware.clone(),
             seed: common.seed,
             time_scale: common.time_scale,
@@ -114,7 +120,9 @@ pub(super) fn command(
                 !has("data")
             }
             // A robot on a port has its own objects.
-            ("pick", "objects" | "seed") => base.on == "sim" || base.on == "chip",
+            ("pick", "objects" | "seed") => {
+                base.on == "sim" || base.on == "chip" || Wires::is_meant(&base.on)
+            }
             _ => true,
         };
         if wanted {
