@@ -562,9 +562,10 @@ fn p2_drives_that_outlive_their_board_do_not_overcome_closed_brakes() {
 fn p2_lengths_that_agree_with_a_tag_by_chance_are_not_believed_beyond_it() {
     // In both cases all lengths are off in the direction of the tag's error. Fused, they were accepted with an
     // error of 1.5 and 2.1 times the bound.
-    for (seed, kind) in [("60818", "slipped"), ("61143", "moved")] {
+    // Since the drives' contactor is simulated, the drums of the first fall further, and it is refused.
+    for (seed, kind, accepted) in [("60818", "slipped", 0), ("61143", "moved", 1)] {
         let document = study(&["--runs", "1", "--seed", seed, "--robot", "lab-fast"]);
-        assert_eq!(document["kinds"][kind]["accepted"], 1, "{document}");
+        assert_eq!(document["kinds"][kind]["accepted"], accepted, "{document}");
         assert_eq!(document["accepted_wrongly"], 0, "{document}");
     }
     // A tag alone, 1.8 mm off: its 95 % bound is 1.2 mm, and the bound that decides is a greater one.
@@ -583,8 +584,9 @@ fn p2_lengths_that_agree_with_a_tag_by_chance_are_not_believed_beyond_it() {
 
 #[test]
 fn p2_slipped_brakes_that_leave_a_slack_cable_or_a_swing_are_not_accepted_wrongly() {
-    // 1070 and 1082 hang with a slack cable. In 2 the tag leaves the picture at one end of the swing.
-    for (seed, accepted) in [("1070", 0), ("1082", 0), ("2", 1)] {
+    // 1070 and 1082 hang with a slack cable. In 2 the tag leaves the picture at one end of the swing; since the drives'
+    // contactor is simulated, its drums fall further.
+    for (seed, accepted) in [("1070", 0), ("1082", 0), ("2", 0)] {
         let document = study(&["--runs", "1", "--seed", seed, "--robot", "lab-fast"]);
         let slipped = &document["kinds"]["slipped"];
         assert_eq!(slipped["cases"], 1, "{document}");

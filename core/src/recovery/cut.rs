@@ -41,10 +41,13 @@ const STANDS_MPS: f64 = 5e-4;
 /// A tick, after which the lengths are kept, and the time from a fault to running counters, s: the handler, the reset's
 /// pulse (20 us at least; RM0008, 7.1) and some 40 instructions at 8 MHz.
 const UNCOUNTED_S: f64 = 1e-3 + 5e-5;
-/// Time until the contactor of the drives opens after its board was lost: 16 to 24 ms, taken as uniform (Schneider
-/// Electric, TeSys D, LC1D09BD).
-const CONTACTOR_S: f64 = 0.020;
-const CONTACTOR_SD_S: f64 = 0.0023;
+/// Time for which drives continue after their board was lost: until their contactor has opened, 16 to 24 ms after it
+/// (Schneider Electric, TeSys D, LC1D09BD). Its error is common to all drums. With 20 ms the simulated tool fell 0.33 mm
+/// further than expected (`lab-fast`, eight machines): the drum with the slowest brake goes on alone. So the time is 2.5
+/// ms shorter here. The contactor itself varies by 2.3 ms; the error is that of the whole fall. With 4 ms the statistical
+/// bound held in 14 of 24 cases of seeds 31001 to 31120 of lab-fast.
+const CONTACTOR_S: f64 = 0.0175;
+const CONTACTOR_SD_S: f64 = 0.009;
 /// Step of the slopes, m.
 const STEP_M: f64 = 1e-4;
 const STEP_N: f64 = 0.05;
@@ -150,6 +153,8 @@ pub(crate) fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut:
     let mut coasts = DVector::zeros(count);
     // With the drives' supply gone, and with it kept.
     let (mut free, mut held, mut grows) = (coasts.clone(), coasts.clone(), coasts.clone());
+    // Speeds at which the brakes grip.
+    let mut grips = coasts.clone();
     let gone = cut.torque_gone.clamp(0.0, 1.0);
     for (cable, state) in kept
         .cables
@@ -179,6 +184,9 @@ pub(crate) fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut:
         coasts[cable] = kept_mps;
         let mixed = |gone_m: f64, kept_m: f64| gone * gone_m + (1.0 - gone) * kept_m;
         grows[cable] = mixed(without.fallen_m, with.fallen_m) * ACCELERATION_SPREAD;
+        // With the supply gone, a rail that ends sooner decides, not the contactor.
+        let waits = winch.drive_hold_up_s >= CONTACTOR_S;
+        grips[cable] = mixed(if waits { without.grip_mps } else { 0.0 }, with.grip_mps);
         lengths.covariance_m2[(cable, cable)] += mixed(without.variance_m2, with.variance_m2);
     }
     let differ = &free - &held;
@@ -188,6 +196,7 @@ pub(crate) fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut:
     lengths.covariance_m2 += &coasts * coasts.transpose() * cut.unseen_sd_s.powi(2);
     lengths.covariance_m2 += &differ * differ.transpose() * (gone * (1.0 - gone));
     lengths.covariance_m2 += &grows * grows.transpose();
+    lengths.covariance_m2 += &grips * grips.transpose() * CONTACTOR_SD_S.powi(2);
     // A motion may have begun, turned or ended after the last record: no record says which way.
     if let Some(slopes) = slopes(model, rest) {
         let mean_square_s2 = cut.unseen_s.powi(2) + cut.unseen_sd_s.powi(2);
@@ -214,6 +223,8 @@ struct Way {
     way_m: f64,
     /// The part of the fall.
     fallen_m: f64,
+    /// Its speed when the brake grips.
+    grip_mps: f64,
     /// Of times, friction and play of this drum alone.
     variance_m2: f64,
 }
@@ -241,6 +252,7 @@ impl Drum<'_> {
             // The drum may rest anywhere in the brake's play: uniform, so mean 1/2 and variance 1/12.
             way_m: stopping_m + speed_mps * free.mean_s + fallen_m + stop_m + 0.5 * play_m,
             fallen_m,
+            grip_mps,
             variance_m2: (grip_mps * free.sd_s).powi(2)
                 + (stop_m * BRAKE_SPREAD).powi(2)
                 + play_m.powi(2) / 12.0
@@ -308,10 +320,7 @@ impl FreeTime {
     /// Moments of the positive part of a normal variable (Greene, Econometric Analysis, section 19.2:
     /// truncated and censored distributions).
     fn of(close_s: f64, hold_up_s: f64) -> Self {
-        let brake_sd_s = close_s * BRAKE_TIME[1];
-        let drive_sd_s = if hold_up_s > 0.0 { CONTACTOR_SD_S } else { 0.0 };
-        let sd_s = (brake_sd_s.powi(2) + drive_sd_s.powi(2)).sqrt();
-        let mean_s = close_s * BRAKE_TIME[0] - hold_up_s;
+        let (mean_s, sd_s) = (close_s * BRAKE_TIME[0] - hold_up_s, close_s * BRAKE_TIME[1]);
         let ratio = mean_s / sd_s.max(1e-9);
         let below = 0.5 * libm::erfc(ratio / core::f64::consts::SQRT_2);
         let density = libm::exp(-0.5 * ratio * ratio) / (2.0 * core::f64::consts::PI).sqrt();
@@ -446,8 +455,8 @@ mod tests {
             [0.0, 0.015, 0.05].map(|hold_up_s| fallen(hold_up_s, 0.0));
         // Half the time, a quarter of the way; the way of the closing brake adds to both.
         assert!((0.2..0.4).contains(&(half_m / none_m)), "{half_m} {none_m}");
-        // 11.5 of 31.5 ms are left after the contactor, however long the rail lasts.
-        assert!((0.1..0.25).contains(&(all_m / none_m)), "{all_m} {none_m}");
+        // 14 of 31.5 ms are left after the contactor, however long the rail lasts.
+        assert!((0.15..0.3).contains(&(all_m / none_m)), "{all_m} {none_m}");
         assert!(all_sd_m < none_sd_m, "{all_sd_m} {none_sd_m}");
         assert!((all_m - fallen(0.02, 0.0).0).abs() < 1e-12);
         // A drum that turns at 0.2 m/s is stopped within the drive's lag, 6.7 ms, and not by the brake.
@@ -472,7 +481,7 @@ mod tests {
         let gone = lengths_after(&model, &rest, &kept, &CUT);
         let way_m = |lengths: &Lengths| lengths.mean_m[0] - kept.cables[0].length_m;
         let share = way_m(&held) / way_m(&gone);
-        assert!((0.1..0.25).contains(&share), "{share}");
+        assert!((0.15..0.3).contains(&share), "{share}");
         assert!(unknown.sigma_m(0) > 2.0 * KNOWN_M);
     }
 }

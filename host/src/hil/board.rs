@@ -33,7 +33,7 @@ const BYTES_PER_MS: f64 = BAUD as f64 / 10_000.0;
 const CLOCKS_DIFFER: f64 = 2e-4;
 
 /// A real board, or an emulated one in another process, in front of a plant.
-pub struct HilBoard {
+pub(crate) struct HilBoard {
     line: Port,
     can: Box<dyn CanWire>,
     signals: Port,
@@ -70,7 +70,7 @@ impl HilBoard {
     ///
     /// # Errors
     /// A wire cannot be opened, or the signal board does not answer.
-    pub fn open(wires: &Wires, bits_per_s: u32) -> Result<Self, HilError> {
+    pub(crate) fn open(wires: &Wires, bits_per_s: u32) -> Result<Self, HilError> {
         let mut signals = Port::open("signal board", &wires.signals, BAUD)?;
         let can = can::open(&wires.can, bits_per_s)?;
         let stepped = greet(&mut signals)?;

@@ -13,7 +13,7 @@ mod port;
 mod signals;
 mod slcan;
 
-pub use board::HilBoard;
+pub(crate) use board::HilBoard;
 
 use miette::Diagnostic;
 use thiserror::Error;
