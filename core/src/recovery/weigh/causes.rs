@@ -105,8 +105,8 @@ impl Chosen {
             let far = peak.shift_m.norm();
             let along = peak.shift_m / far.max(1e-12);
             let variance = (along.transpose() * covariance * along).x;
-            // Close to it the error may be on any side.
-            if far < APART * variance.sqrt() {
+            // Close to it, or at it, the error may be on any side.
+            if far < 1e-9 || far < APART * variance.sqrt() {
                 return far + radius_95_m(&covariance, &places);
             }
             let ahead = far + ONE_SIDED * variance.sqrt();

@@ -308,3 +308,35 @@ fn a_board_that_counted_through_its_reset_knows_its_lengths_as_well_as_it_was_sl
     assert!((own(&fast) - 0.42e-3 / 12_f64.sqrt()).abs() < 1e-9);
     assert!((own(&unknown) - 0.42e-3 / 3_f64.sqrt()).abs() < 1e-9);
 }
+
+#[test]
+fn two_causes_with_the_same_lengths_have_the_bound_of_one() {
+    // Behind a rail that outlasts the contactor it makes no difference whether the drives lost their supply.
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let home = model.rest_at_home().unwrap();
+    let journal = journal(&home.paid_out_m, home.tensions_n());
+    let tensions_n = home.tensions_n().to_vec();
+    let evidence = Evidence {
+        source: Source::Journal(&journal),
+        rest: RestReadings {
+            least_n: tensions_n.clone(),
+            tension_errors_n: vec![0.02; 4],
+            tensions_n,
+            ..RestReadings::default()
+        },
+        seen: Measurements::default(),
+        reference: None,
+        untouched: true,
+        together: true,
+        registers_m: None,
+        bound_m: 0.05,
+    };
+    let estimates = estimates(&model, &evidence).unwrap().unwrap();
+    let sigma_m = estimates.covariance_m2.diagonal().max().sqrt();
+    // 95 % of one axis alone are within 1.96 standard deviations.
+    assert!(
+        estimates.bound_95_m > 1.9 * sigma_m,
+        "{} m, {sigma_m} m",
+        estimates.bound_95_m
+    );
+}
