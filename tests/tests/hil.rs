@@ -53,20 +53,6 @@ fn two_runs_with_the_board_in_the_loop_are_alike_to_the_last_bit() {
     assert_eq!(runs[0].run.samples, runs[1].run.samples);
 }
 
-#[test]
-fn a_board_whose_time_passes_by_itself_arms_and_disarms() {
-    // A fifth of real time, so that a busy computer is not late.
-    let emulated = Emulated::start(Some("0.2"));
-    let mut command = mcdpr();
-    command.args(["doctor", "--arm", "--robot", "paper-table5", "--time-scale"]);
-    let output = command
-        .args(["0.2", "--on", &emulated.on])
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{said}{output:?}");
-}
-
 /// What the program says of a run on these wires, which it refuses.
 fn refused(folder: &Folder, robot: &str, on: &str) -> String {
     let output = mcdpr()

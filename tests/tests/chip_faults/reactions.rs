@@ -2,7 +2,6 @@
 
 use super::{line, model, run_on, run_with};
 use mcdpr::experiment::Experiment;
-use mcdpr::link::Link;
 use mcdpr::motion::Model;
 use mcdpr::robot::{DriveKind, Robot};
 use mcdpr_firmware::State;
@@ -197,32 +196,6 @@ fn d2_d6_what_a_drive_reports_stops_the_robot_of_the_chip() {
     stops(&[("D2:1@0.9s", FaultId::D7, 1, 200, 8e-3)]);
     // Where no length is held, its current shows it.
     stops(&[("D2:4@0.9s", FaultId::D2, 4, 30, 2e-3)]);
-}
-
-/// Its current freewheels, and the brake closes some nine times later than the module file says.
-#[test]
-fn b3_a_plain_diode_across_a_brakes_coil_is_noticed_by_the_chip() {
-    let model = model();
-    let (link, seen) = super::robot(&model);
-    link.with(|simulation| {
-        simulation.plant_mut().faults_mut().cables[1]
-            .brake
-            .freewheels = true;
-    });
-    let run = Experiment::new(&model, line())
-        .at_home()
-        .session(SessionId(1))
-        .run_on(link.clone());
-    // The brakes close after the motion.
-    let mut line = link.clone();
-    let until_us = line.now_us() + 1_500_000;
-    while line.now_us() < until_us {
-        line.receive(until_us, &mut Vec::new()).unwrap();
-    }
-    println!("{:?}", run.as_ref().err());
-    let record = link.with(|simulation| simulation.fault()).unwrap();
-    assert_eq!((record.fault, record.cable), (FaultId::B3, 2), "{record:?}");
-    assert!(seen.was_never_reset());
 }
 
 /// A chip's counters start at 0, so that cables that are paid out and cables that are hauled in
