@@ -54,12 +54,6 @@ impl Plant {
         ))
     }
 
-    /// Whether drives and brakes have their supply.
-    #[must_use]
-    pub const fn is_powered(&self) -> bool {
-        self.powered
-    }
-
     /// Whether a drive has its supply: that of the robot, over its contactor.
     #[must_use]
     pub fn drive_has_supply(&self, cable: usize) -> bool {

@@ -190,9 +190,9 @@ fn a_rail_that_holds_up_keeps_the_drives_until_the_brakes_have_closed() {
     let truth = plant.truth().expect("a path");
     assert_eq!(truth.brakes_closed[..4], [true; 4]);
     assert!(matches!(plant.drive_state(0), Ok(DriveState::Ready(_))));
-    assert!(plant.is_powered());
+    assert!(plant.drive_has_supply(0));
     plant.advance(0.5).expect("rests");
-    assert!(!plant.is_powered());
+    assert!(!plant.drive_has_supply(0));
     assert_eq!(plant.drive_state(0), Ok(DriveState::Unpowered));
     let after = plant.truth().expect("a path").drum_positions_m;
     for (now, then) in after[..4].iter().zip(&before[..4]) {
