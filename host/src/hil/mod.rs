@@ -1,9 +1,9 @@
 //! Hardware in the loop: a real board in front of the simulated drives and the simulated robot.
 //!
-//! Three wires lead to the board: its own line to the host, its CAN bus ([`can`]), and the line to a
-//! second board that stands for encoders, sensors and switches ([`signals`]). The board cannot tell
+//! Three wires lead to the board: its own line to the host, its CAN bus (`can`), and the line to a
+//! second board that stands for encoders, sensors and switches (`signals`). The board cannot tell
 //! this from a robot. The emulated chip can stand in for it, behind the same three wires
-//! ([`emulated`]). `docs/hil.md` has the second board's requirements.
+//! (`emulated`). `docs/hil.md` has the second board's requirements.
 
 mod board;
 mod can;
