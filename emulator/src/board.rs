@@ -12,15 +12,12 @@ use mcdpr_firmware::{State, drives};
 use mcdpr_protocol::{FaultRecord, Tick};
 use mcdpr_simulator::can::DriveLine;
 use mcdpr_simulator::plant::{Plant, PlantError};
-use mcdpr_simulator::{BoardFailure, Overheard, VirtualBoard};
+use mcdpr_simulator::{BEHIND_TICKS, BoardFailure, Overheard, Positions, VirtualBoard};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Slice of lockstep, us.
 // 3600 ticks of 72 MHz, a twentieth of the control tick.
 const SLICE_US: u64 = 50;
-/// Ticks after which the measurements of a tick have reached the host.
-// A block of 10 ticks, its queue and its time on the line; an upper bound.
-const BEHIND_TICKS: usize = 40;
 /// Winches of the board.
 const CABLES: usize = 4;
 /// ADC channels of the tension sensors.
@@ -54,8 +51,7 @@ pub struct ChipBoard {
     chip: SharedChip,
     heard: Overheard,
     now: Tick,
-    counters: Option<[u16; CABLES]>,
-    positions: [i64; CABLES],
+    positions: Positions<CABLES>,
     /// Tick after which the sensors' noise was drawn.
     read_at: Tick,
     /// The plant's cable on each channel, and whether the gripper is on this board; `None` for the
@@ -76,8 +72,7 @@ impl ChipBoard {
             chip: SharedChip(Arc::new(Mutex::new(chip))),
             heard: Overheard::new(CABLES),
             now: Tick(0),
-            counters: None,
-            positions: [0; CABLES],
+            positions: Positions::default(),
             read_at: Tick(0),
             wired: None,
         })
@@ -121,13 +116,9 @@ impl ChipBoard {
         self.read_at = self.now;
         let counters = cables.map(|cable| sensors.encoder_counts[cable]);
         // The counters' value at power-on is where the timers start.
-        let before = self.counters.replace(counters).unwrap_or(counters);
-        for (index, position) in self.positions.iter_mut().enumerate() {
-            // The plant's counters wrap at 16 bits; positions do not.
-            let step = counters[index].wrapping_sub(before[index]).cast_signed();
-            *position += i64::from(step);
+        for (index, position) in self.positions.follow(counters).into_iter().enumerate() {
             // Edges of A count up, edges of B down: one output is high at a time.
-            let shown = chip.jumpers.map_or(*position, |wires| {
+            let shown = chip.jumpers.map_or(position, |wires| {
                 let high = |wire: Option<usize>| wire.is_some_and(|out| chip.is_high(out));
                 i64::from(high(wires.a[index])) - i64::from(high(wires.b[index]))
             });
@@ -214,7 +205,7 @@ impl VirtualBoard for ChipBoard {
 
     fn power_on(&mut self) -> Result<(), PlantError> {
         self.chip.lock().power_on();
-        self.counters = None;
+        self.positions.restart();
         self.heard.restart();
         self.now = Tick(0);
         self.read_at = Tick(0);
@@ -321,7 +312,6 @@ impl VirtualBoard for ChipBoard {
     }
 
     fn path_times_behind(&self) -> usize {
-        // A block of samples, packed, queued behind other frames, and on the wire.
         BEHIND_TICKS
     }
 

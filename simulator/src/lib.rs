@@ -19,7 +19,7 @@ mod simulation;
 mod wire;
 
 pub use board::{BoardFailure, VirtualBoard};
-pub use overheard::Overheard;
+pub use overheard::{BEHIND_TICKS, Overheard, Positions};
 pub use simulation::several::{BoardPlace, BoardTime};
 pub use simulation::{Simulation, TracePoint};
 pub use wire::{LinkOptions, Wire, WireFaults, WireVersion};

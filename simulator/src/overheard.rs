@@ -4,6 +4,42 @@ use mcdpr_firmware::State;
 use mcdpr_protocol::message::decode;
 use mcdpr_protocol::{Channel, Deframer, FaultRecord, SampleBlock, Status, Tick};
 
+/// Ticks after which the measurements of a tick have reached the host.
+// A block of 10 ticks, its queue and its time on the line; an upper bound.
+pub const BEHIND_TICKS: usize = 40;
+
+/// Positions of encoders by a plant's counters, which wrap at 16 bits; positions do not.
+#[derive(Debug)]
+pub struct Positions<const N: usize> {
+    counters: Option<[u16; N]>,
+    counts: [i64; N],
+}
+
+impl<const N: usize> Default for Positions<N> {
+    fn default() -> Self {
+        Self {
+            counters: None,
+            counts: [0; N],
+        }
+    }
+}
+
+impl<const N: usize> Positions<N> {
+    /// The positions, counts since the first reading, after another reading of the counters.
+    pub fn follow(&mut self, counters: [u16; N]) -> [i64; N] {
+        let before = self.counters.replace(counters).unwrap_or(counters);
+        for ((count, now), before) in self.counts.iter_mut().zip(counters).zip(before) {
+            *count += i64::from(now.wrapping_sub(before).cast_signed());
+        }
+        self.counts
+    }
+
+    /// The counters start again, wherever they do: positions go on from where they are.
+    pub fn restart(&mut self) {
+        self.counters = None;
+    }
+}
+
 /// The board's state by its own messages. Each is known only after the board has reported it.
 #[derive(Debug)]
 pub struct Overheard {

@@ -1,9 +1,9 @@
 //! Boards in the loop: the emulated chip behind three wires, in a process of its own, or a real one.
 
+use crate::process::first_line;
 use crate::{chip, mcdpr};
 use mcdpr::hil::Wires;
-use std::io::{BufRead, BufReader};
-use std::process::{Child, Stdio};
+use std::process::Child;
 
 /// Environment variable that puts the tests' boards into the loop: `emulated`, or the `hil:PORT,CAN,PORT`
 /// of a real one.
@@ -29,19 +29,10 @@ impl Emulated {
         if let Some(scale) = time_scale {
             command.args(["--time-scale", scale]);
         }
-        command.stdin(Stdio::null()).stdout(Stdio::piped());
-        let started = command.spawn();
-        assert!(started.is_ok(), "{started:?}");
-        let mut line = String::new();
-        let mut child = started.ok();
-        if let Some(output) = child.as_mut().and_then(|child| child.stdout.take()) {
-            let _ = BufReader::new(output).read_line(&mut line);
-        }
+        let (child, line) = first_line(command);
         let on = line.trim().to_owned();
-        match child {
-            Some(child) if on.starts_with("hil:") => Self { child, on },
-            _ => panic!("the emulated chip said: {line}"),
-        }
+        assert!(on.starts_with("hil:"), "the emulated chip said: {line}");
+        Self { child, on }
     }
 }
 

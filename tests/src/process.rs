@@ -68,26 +68,37 @@ impl Simulator {
         let mut command = mcdpr();
         command.args(["sim", "--pty", "--json", "--time-scale", scale]);
         command.args(words);
-        command.stdin(Stdio::null()).stdout(Stdio::piped());
         command.stderr(Stdio::null());
-        let started = command.spawn();
-        assert!(started.is_ok(), "{started:?}");
-        let mut line = String::new();
-        let mut child = started.ok();
-        if let Some(output) = child.as_mut().and_then(|child| child.stdout.take()) {
-            let _ = BufReader::new(output).read_line(&mut line);
-        }
+        let (child, line) = first_line(command);
         let document: Value = serde_json::from_str(&line).unwrap_or_default();
         let named = |key: &str| document[key].as_str().map(str::to_owned);
-        match (child, named("port")) {
-            (Some(child), Some(port)) => Self {
+        match named("port") {
+            Some(port) => Self {
                 child,
                 port,
                 imu: named("imu"),
             },
-            _ => panic!("the simulator said: {line}"),
+            None => panic!("the simulator said: {line}"),
         }
     }
+}
+
+/// Starts a program, and waits for the first line that it prints.
+///
+/// # Panics
+/// Where it does not start.
+#[must_use]
+pub fn first_line(mut command: Command) -> (Child, String) {
+    command.stdin(Stdio::null()).stdout(Stdio::piped());
+    let mut child = match command.spawn() {
+        Ok(child) => child,
+        Err(error) => panic!("{command:?}: {error}"),
+    };
+    let mut line = String::new();
+    if let Some(output) = child.stdout.take() {
+        let _ = BufReader::new(output).read_line(&mut line);
+    }
+    (child, line)
 }
 
 impl Drop for Simulator {

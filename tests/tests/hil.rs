@@ -86,19 +86,13 @@ fn wires_that_are_none_are_named() {
 
 #[test]
 fn a_board_that_goes_while_the_robot_moves_ends_the_run() {
-    let folder = Folder::new("hil-gone");
-    let emulated = Emulated::start(None);
-    let mut moving = mcdpr()
-        .args(["run", "paper:table7", "--robot", "paper-table5", "--json"])
-        .args(["--on", &emulated.on])
-        .current_dir(folder.path())
-        .stdout(std::process::Stdio::null())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    mcdpr_tests::process::breathe();
-    drop(emulated);
-    let most = std::time::Duration::from_secs(60);
-    let status = mcdpr_tests::process::ends_within(&mut moving, most, "the run");
-    assert!(!status.success());
+    let model = model();
+    let mut emulated = Some(Emulated::start(None));
+    let wires = Wires::parse(&emulated.as_ref().unwrap().on, 1.0).unwrap();
+    let robot = SimulatedRobot::new(Mismatch::realistic(), 5).controller(&Controller::Hil(wires));
+    let task = Task::parse(LINE, "line.toml".into()).unwrap();
+    // Called while the robot moves.
+    let run = Experiment::new(&model, task).progress(|_| drop(emulated.take()));
+    let error = run.simulate(&robot).unwrap_err().to_string();
+    assert!(error.contains("signal board"), "{error}");
 }

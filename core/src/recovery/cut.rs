@@ -41,10 +41,11 @@ const STANDS_MPS: f64 = 5e-4;
 /// A tick, after which the lengths are kept, and the time from a fault to running counters, s: the handler, the reset's
 /// pulse (20 us at least; RM0008, 7.1) and some 40 instructions at 8 MHz.
 const UNCOUNTED_S: f64 = 1e-3 + 5e-5;
-/// Time for which drives continue after their board was lost: until their contactor has opened, 16 to 24 ms after it
-/// (Schneider Electric, TeSys D, LC1D09BD). Its error is common to all drums. With 20 ms the simulated tool fell 0.33 mm
-/// further than expected (`lab-fast`, eight machines): the drum with the slowest brake goes on alone. So the time is 2.5
-/// ms shorter here. The contactor itself varies by 2.3 ms; the error is that of the whole fall.
+/// Time for which drives continue after their board was lost, until their contactor has opened, and its standard
+/// deviation; common to all drums. A contactor takes 16 to 24 ms (Schneider Electric, TeSys D, LC1D09BD), uniform: 20 and
+/// 2.3 ms. But the drum with the slowest brake goes on alone, which the model does not have: with those values the tool
+/// fell 0.33 mm further than expected (`lab-fast`, eight machines), and the statistical bound held in 90 and 92 % of 60
+/// cases each (docs/results/power.md). With these it holds in 97 and 93 %.
 const CONTACTOR_S: f64 = 0.0175;
 const CONTACTOR_SD_S: f64 = 0.006;
 /// Step of the slopes, m.

@@ -10,7 +10,7 @@ use mcdpr_firmware::drives::CanFrame;
 use mcdpr_protocol::{FaultRecord, Tick};
 use mcdpr_simulator::can::DriveLine;
 use mcdpr_simulator::plant::{Plant, PlantError};
-use mcdpr_simulator::{BoardFailure, Overheard, VirtualBoard};
+use mcdpr_simulator::{BEHIND_TICKS, BoardFailure, Overheard, Positions, VirtualBoard};
 use std::time::{Duration, Instant};
 
 /// Slice of time where the board's time passes only on request, and where it passes by itself, us.
@@ -25,8 +25,6 @@ const ANSWER: Duration = Duration::from_secs(10);
 const SILENT_US: u64 = 200_000;
 /// Where the simulation is later than this, its time stands still instead of catching up, us.
 const LATE_US: f64 = 50_000.0;
-/// Ticks after which the measurements of a tick have reached the host.
-const BEHIND_TICKS: usize = 40;
 /// Bytes of the line in a millisecond.
 const BYTES_PER_MS: f64 = BAUD as f64 / 10_000.0;
 /// How much faster than this computer a board's clock may be.
@@ -41,7 +39,7 @@ pub(crate) struct HilBoard {
     slice_us: u64,
     time_scale: f64,
     heard: Overheard,
-    counters: Option<[u16; CHANNELS]>,
+    positions: Positions<CHANNELS>,
     set: Set,
     got: Got,
     /// When the last answer of the signal board came, us.
@@ -62,6 +60,8 @@ pub(crate) struct HilBoard {
     powered: bool,
     /// Bytes of this slice are to arrive damaged.
     disturbed: bool,
+    /// Somebody wants its program to crash.
+    shall_crash: bool,
 }
 
 impl HilBoard {
@@ -84,7 +84,7 @@ impl HilBoard {
             slice_us: if stepped { STEPPED_US } else { FREE_US },
             time_scale: wires.time_scale,
             heard: Overheard::new(CHANNELS),
-            counters: None,
+            positions: Positions::default(),
             set: Set::default(),
             got: Got::default(),
             answered_at_us: 0,
@@ -100,6 +100,7 @@ impl HilBoard {
             supply_low: false,
             powered: true,
             disturbed: false,
+            shall_crash: false,
         })
     }
 
@@ -122,12 +123,14 @@ impl HilBoard {
         plant: &mut Plant,
         line: &mut DriveLine,
         until_us: u64,
-        moves: bool,
     ) -> Result<(), PlantError> {
         if !self.stepped {
             self.pace(until_us);
             let can = self.can.receive(&mut self.from_board, false);
             can.map_err(failed)?;
+        }
+        if self.shall_crash {
+            return Err(unable("its program cannot be made to crash from outside"));
         }
         if line.bus_mut().faults_mut().corrupt > 0 {
             return Err(unable("a frame on real wires cannot be damaged from here"));
@@ -142,9 +145,7 @@ impl HilBoard {
         }
         while self.now_us < until_us {
             let step_us = DRIVES_US.min(until_us - self.now_us);
-            if moves {
-                plant.advance(1e-6 * step_us as f64)?;
-            }
+            plant.advance(1e-6 * step_us as f64)?;
             self.now_us += step_us;
             nodes.pass(plant, self.now_us, &mut send)?;
         }
@@ -171,11 +172,7 @@ impl HilBoard {
             plant.read_sensors_again_of(&cables)
         };
         let counters = cables.map(|cable| sensors.encoder_counts[cable]);
-        let before = self.counters.replace(counters).unwrap_or(counters);
-        for (index, position) in self.set.encoders.iter_mut().enumerate() {
-            let step = counters[index].wrapping_sub(before[index]).cast_signed();
-            *position += i64::from(step);
-        }
+        self.set.encoders = self.positions.follow(counters);
         self.set.tensions = cables.map(|cable| sensors.adc[cable]);
         let bits = [
             (sensors.e_stop, input::E_STOP),
@@ -324,7 +321,7 @@ impl VirtualBoard for HilBoard {
         line: &mut DriveLine,
         until_us: u64,
     ) -> Result<(), PlantError> {
-        self.go_on(plant, line, until_us, true)
+        self.go_on(plant, line, until_us)
     }
 
     fn advance_unpowered(
@@ -334,7 +331,7 @@ impl VirtualBoard for HilBoard {
         until_us: u64,
     ) -> Result<(), PlantError> {
         self.powered = false;
-        self.go_on(plant, line, until_us, true)?;
+        self.go_on(plant, line, until_us)?;
         self.sense(plant);
         // What a board without a supply seems to send is noise.
         self.exchange(&mut Vec::new()).map_err(failed)
@@ -369,7 +366,7 @@ impl VirtualBoard for HilBoard {
 
     fn power_on(&mut self) -> Result<(), PlantError> {
         self.powered = true;
-        self.counters = None;
+        self.positions.restart();
         self.heard.restart();
         self.tick_offset = None;
         Ok(())
@@ -380,17 +377,16 @@ impl VirtualBoard for HilBoard {
     }
 
     fn restart(&mut self, _: BoardFailure) -> Result<(), PlantError> {
-        Err(unable("its program cannot be made to crash from outside"))
+        // It resets itself.
+        Ok(())
     }
 
     fn fail(&mut self, failure: BoardFailure, on: bool) -> bool {
         match failure {
-            BoardFailure::SupplyLow => {
-                self.supply_low = on;
-                true
-            }
-            BoardFailure::Crash => false,
+            BoardFailure::SupplyLow => self.supply_low = on,
+            BoardFailure::Crash => self.shall_crash |= on,
         }
+        true
     }
 
     fn line_errors(&mut self, errors: u16) {

@@ -101,6 +101,7 @@ impl CanWire for Adapter {
 #[cfg(target_os = "linux")]
 mod interface {
     use super::{CanFrame, CanWire, HilError, WHAT};
+    use nix::errno::Errno;
     use socketcan::{CanDataFrame, CanSocket, EmbeddedFrame, Id, Socket, StandardId};
     use std::io::ErrorKind;
     use std::time::Duration;
@@ -149,7 +150,7 @@ mod interface {
             match self.socket.write_frame(&data) {
                 // A full queue: frames are lost, as on a bus that is off.
                 Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(()),
-                Err(error) if error.raw_os_error() == Some(105) => Ok(()),
+                Err(error) if error.raw_os_error() == Some(Errno::ENOBUFS as i32) => Ok(()),
                 Err(error) => Err(self.failed(error)),
                 Ok(()) => Ok(()),
             }

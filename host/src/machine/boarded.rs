@@ -40,9 +40,10 @@ pub(crate) fn line_to(
     SimulatedLink::of(robot, plant, link, seed, &|cables, number| {
         let firmware = match controller {
             Controller::InProcess => return Ok(None),
-            Controller::Hil(_) if number > 0 => {
+            Controller::Hil(_) if !robot.boards.is_empty() => {
                 return Err(PlantError::Board {
-                    reason: "one board can be in the loop, and the robot has several".to_owned(),
+                    reason: "one board can be in the loop, and the robot file names boards"
+                        .to_owned(),
                 });
             }
             Controller::Hil(wires) => return in_the_loop(wires, bits_per_s).map(Some),

@@ -2,7 +2,7 @@
 
 use super::{CanBus, DriveLine};
 use crate::plant::{DriveState, Mode, Plant, PlantParams, Protocol};
-use mcdpr_firmware::drives::{BusState, CanFrame};
+use mcdpr_firmware::drives::{BusState, CanFrame, CanPort as _};
 
 mod whole;
 
@@ -108,4 +108,28 @@ fn two_drives_of_one_number_destroy_each_others_frames() {
     bus.offer(2, 200_000, frame(0x3B, &[1]));
     assert!(bus.next(201_000).is_some());
     assert_eq!((bus.waiting(1), bus.waiting(2)), (0, 0));
+}
+
+/// As the firmware does: a drive that returns must not follow outdated commands.
+#[test]
+fn the_board_drops_frames_that_nobody_acknowledges() {
+    let mut plant = Plant::new(PlantParams::paper_optimistic(), 1).expect("good parameters");
+    let mut line = DriveLine::new(&plant);
+    for cable in 0..4 {
+        plant.set_drive_enable(cable, false).expect("cable");
+    }
+    line.port().send(&frame(0x10, &[0; 8])).expect("room");
+    line.advance(&mut plant, 9_000).expect("no failure");
+    assert_eq!(line.bus().waiting(0), 1);
+    line.advance(&mut plant, 11_000).expect("no failure");
+    assert_eq!(line.bus().waiting(0), 0);
+    // One that is acknowledged in time is sent, however long the bus was silent before.
+    for cable in 0..4 {
+        plant.set_drive_enable(cable, true).expect("cable");
+    }
+    line.advance(&mut plant, 200_000).expect("no failure");
+    let before = line.bus().counters().frames;
+    line.port().send(&frame(0x10, &[0; 8])).expect("room");
+    line.advance(&mut plant, 202_000).expect("no failure");
+    assert_eq!(line.bus().counters().frames, before + 1);
 }

@@ -130,6 +130,25 @@ fn journal(lengths_m: &[f64], tensions_n: &[f64]) -> Journal {
     }
 }
 
+/// A journal and these tensions of a robot that nobody has touched; no camera.
+fn untouched(journal: &Journal, tensions_n: Vec<f64>) -> Evidence<'_> {
+    Evidence {
+        source: Source::Journal(journal),
+        rest: RestReadings {
+            least_n: tensions_n.clone(),
+            tension_errors_n: vec![0.02; 4],
+            tensions_n,
+            ..RestReadings::default()
+        },
+        seen: Measurements::default(),
+        reference: None,
+        untouched: true,
+        together: true,
+        registers_m: None,
+        bound_m: 0.05,
+    }
+}
+
 #[test]
 fn without_a_tag_the_bound_reaches_both_causes_of_a_cut() {
     // Drums that nothing holds until their brakes close: otherwise both causes are one.
@@ -150,22 +169,7 @@ fn without_a_tag_the_bound_reaches_both_causes_of_a_cut() {
         let lengths = lengths_after(&model, &home, last, &cut);
         let true_m: Vec<f64> = lengths.mean_m.iter().copied().collect();
         let rest = rest_on_brakes(&model, &true_m, &home);
-        let tensions_n = rest.tensions_n().to_vec();
-        let evidence = Evidence {
-            source: Source::Journal(&journal),
-            rest: RestReadings {
-                least_n: tensions_n.clone(),
-                tension_errors_n: vec![0.02; 4],
-                tensions_n,
-                ..RestReadings::default()
-            },
-            seen: Measurements::default(),
-            reference: None,
-            untouched: true,
-            together: true,
-            registers_m: None,
-            bound_m: 0.05,
-        };
+        let evidence = untouched(&journal, rest.tensions_n().to_vec());
         let estimates = estimates(&model, &evidence).unwrap().unwrap();
         let error_m = (estimates.best().tool_m - model.tool_m(&rest)).norm();
         let bound_m = estimates.bound_95_m;
@@ -315,22 +319,7 @@ fn two_causes_with_the_same_lengths_have_the_bound_of_one() {
     let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
     let home = model.rest_at_home().unwrap();
     let journal = journal(&home.paid_out_m, home.tensions_n());
-    let tensions_n = home.tensions_n().to_vec();
-    let evidence = Evidence {
-        source: Source::Journal(&journal),
-        rest: RestReadings {
-            least_n: tensions_n.clone(),
-            tension_errors_n: vec![0.02; 4],
-            tensions_n,
-            ..RestReadings::default()
-        },
-        seen: Measurements::default(),
-        reference: None,
-        untouched: true,
-        together: true,
-        registers_m: None,
-        bound_m: 0.05,
-    };
+    let evidence = untouched(&journal, home.tensions_n().to_vec());
     let estimates = estimates(&model, &evidence).unwrap().unwrap();
     let sigma_m = estimates.covariance_m2.diagonal().max().sqrt();
     // 95 % of one axis alone are within 1.96 standard deviations.
