@@ -88,7 +88,7 @@ impl Simulator {
 /// # Panics
 /// Where it does not start.
 #[must_use]
-pub fn first_line(mut command: Command) -> (Child, String) {
+pub(crate) fn first_line(mut command: Command) -> (Child, String) {
     command.stdin(Stdio::null()).stdout(Stdio::piped());
     let mut child = match command.spawn() {
         Ok(child) => child,
