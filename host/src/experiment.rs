@@ -27,11 +27,15 @@ use crate::motion::{Model, Plan, PlanError, Task};
 use crate::record::events::{EventBus, TruthTap, Watched};
 use crate::report::{self, Figures, PathPoint};
 use crate::robot::Robot;
-use crate::run::{self, Homing, Measured, Progress, Recorder, ResumeError, RunError, Session};
-use crate::sight::Scene;
+use crate::robot::TagPlace;
+use crate::run::tracking::{Lesson, Tracking};
+use crate::run::{
+    self, Homing, Measured, Progress, Recorder, ResumeError, RunError, Session, Sight,
+};
+use crate::sight::{Scene, SimulatedTags, TagSource};
 use mcdpr_core::recovery::{Journal, JournalError};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
 use nalgebra::{Rotation3, Vector3};
 use std::time::{Duration, Instant};
 
@@ -52,6 +56,8 @@ pub struct Run {
     pub(crate) true_turns: Option<Vec<(f64, Rotation3<f64>)>>,
     /// Whether the board was simulated.
     pub simulated: bool,
+    /// Figures of every lap, if the task was repeated; the other fields are those of the last.
+    pub laps: Vec<Figures>,
 }
 
 impl Run {
@@ -192,6 +198,36 @@ pub struct Experiment<'a> {
     recorder: Option<&'a EventBus>,
     time_scale: Option<f64>,
     resume: Option<Resume<'a>>,
+    laps: usize,
+    tracked: Option<Tracked<'a>>,
+    truth: Option<Box<Truth<'a>>>,
+}
+
+/// Called after every rest that was taken note of.
+type OnRest<'a> = dyn FnMut(&Tracking, &Lesson) + 'a;
+/// The true states of a simulated robot since the last call.
+type Truth<'a> = dyn FnMut() -> Vec<TracePoint> + 'a;
+
+/// A camera and the places of its tags.
+type Eyes<'a> = (Box<dyn TagSource + 'a>, Vec<TagPlace>);
+
+/// Which camera sees the robot's tags at its rests.
+pub(crate) enum Looking<'a> {
+    /// None.
+    Blind,
+    /// The simulated robot's own.
+    Simulated,
+    /// This one; the places of the tags are known.
+    By(Eyes<'a>),
+}
+
+/// What is tracked, and by which camera.
+struct Tracked<'a> {
+    tracking: Tracking,
+    /// When it was kept, s since 1970; `None` for a new one.
+    kept_unix_s: Option<u64>,
+    looking: Looking<'a>,
+    on_rest: Box<OnRest<'a>>,
 }
 
 /// The journal of a board, by the board's number.
@@ -217,7 +253,35 @@ impl<'a> Experiment<'a> {
             recorder: None,
             time_scale: None,
             resume: None,
+            laps: 1,
+            tracked: None,
+            truth: None,
         }
+    }
+
+    /// Does the task several times in one session.
+    #[must_use]
+    pub(crate) const fn laps(mut self, laps: usize) -> Self {
+        self.laps = laps;
+        self
+    }
+
+    /// Tracks the robot's slow changes at its rests, and plans by what is tracked: a new state, or one that was kept
+    /// at a time (s since 1970). `on_rest` gets what each rest taught.
+    #[must_use]
+    pub(crate) fn tracked(
+        mut self,
+        (tracking, kept_unix_s): (Tracking, Option<u64>),
+        looking: Looking<'a>,
+        on_rest: impl FnMut(&Tracking, &Lesson) + 'a,
+    ) -> Self {
+        self.tracked = Some(Tracked {
+            tracking,
+            kept_unix_s,
+            looking,
+            on_rest: Box::new(on_rest),
+        });
+        self
     }
 
     /// How the robot learns where it is. By default a simulated robot is known to hang at home,
@@ -306,6 +370,11 @@ impl<'a> Experiment<'a> {
         self.session.get_or_insert(SessionId(1));
         let home = Homing::Place(model.robot().tool.home_in_world_m);
         self.homing.get_or_insert(home);
+        if let Some(tracked) = &mut self.tracked
+            && matches!(tracked.looking, Looking::Simulated)
+        {
+            tracked.looking = Looking::By(simulated_eyes(model.robot(), &link, robot.seed));
+        }
         let scale = self.time_scale;
         let paced = |line: Box<dyn Link + 'a>| -> Box<dyn Link + 'a> {
             match scale {
@@ -313,21 +382,21 @@ impl<'a> Experiment<'a> {
                 None => line,
             }
         };
-        let (mut run, trace) = if let Some(recorder) = self.recorder {
+        let mut run = if let Some(recorder) = self.recorder {
             let tap = TruthTap::new(link.clone(), model.robot().cables.len());
             let watched = Watched::new(link.clone(), recorder)
                 .with_truth(tap.clone())
                 .with_orders(&self.handle);
-            (self.run_on(paced(Box::new(watched)))?, tap.take())
+            self.truth = Some(Box::new(move || tap.take()));
+            self.run_on(paced(Box::new(watched)))?
         } else {
             link.with(Simulation::record_truth);
-            let run = self.run_on(paced(Box::new(link.clone())))?;
-            (run, link.with(Simulation::take_trace))
+            let truth = link.clone();
+            self.truth = Some(Box::new(move || truth.with(Simulation::take_trace)));
+            self.run_on(paced(Box::new(link.clone())))?
         };
         // A chip's firmware does not know that its robot is simulated.
         run.simulated = true;
-        run.true_turns = (model.robot().calibrated.is_none()).then(|| report::true_turns(&trace));
-        run.true_path = Some(in_calibrated_frame(model, report::true_path(&trace)));
         Ok(SimulatedRun {
             run,
             simulated_s: link.with(|simulation| simulation.now_us() as f64 * 1e-6),
@@ -358,26 +427,156 @@ impl<'a> Experiment<'a> {
         let (model, handle) = (self.model, &self.handle);
         // Planned before it is armed: a refused task moves nothing.
         let mut session = Session::open(model, link, number, handle, homing, &run::LengthFiles)?;
-        let plan = match self.resume {
-            None => session.plan(self.task, None)?,
+        let mut noting = None;
+        if let Some(Tracked {
+            tracking,
+            kept_unix_s,
+            looking,
+            on_rest,
+        }) = self.tracked
+        {
+            session.track(tracking, kept_unix_s)?;
+            let eyes = match looking {
+                Looking::By(eyes) => Some(eyes),
+                Looking::Blind | Looking::Simulated => None,
+            };
+            noting = Some(Noting { eyes, on_rest });
+        }
+        let first = match self.resume {
+            None => session.plan(self.task.clone(), None)?,
             Some(Resume { hash, journal }) => {
                 let board = run::saved::board_name(session.client().hello());
                 let journal = journal(&board).map_err(ResumeError::Journal)?;
-                session.plan_rest(self.task, hash, &journal)?
+                session.plan_rest(self.task.clone(), hash, &journal)?
             }
         };
         session.arm()?;
-        let mut recorder = Recorder::default();
-        session.follow(&plan, &mut recorder, self.progress)?;
-        let simulated = session.client().info().simulated;
-        session.disarm()?;
-        Ok(Run {
-            plan,
-            samples: recorder.samples,
-            true_path: None,
-            true_turns: None,
-            simulated,
-        })
+        let mut laps = Laps {
+            model,
+            task: self.task,
+            count: self.laps,
+            noting,
+            truth: self.truth,
+            progress: self.progress,
+        };
+        match laps.follow(&mut session, first) {
+            Ok(mut run) => {
+                run.simulated = session.client().info().simulated;
+                session.disarm()?;
+                if run.laps.is_empty() {
+                    laps.judge(&mut run);
+                }
+                Ok(run)
+            }
+            // A plan between two laps was refused: the robot still holds.
+            Err(error @ (RunError::Plan(_) | RunError::Task(_) | RunError::Sight(_))) => {
+                session.disarm()?;
+                Err(error)
+            }
+            Err(error) => Err(error),
+        }
+    }
+}
+
+/// Error of the camera's mounting that a calibration leaves, half widths per axis, m and rad.
+const MOUNTED_M: f64 = 1.7e-4;
+const MOUNTED_RAD: f64 = 3.4e-4;
+/// Noise of a corner in a simulated picture, px.
+const CORNER_PX: f64 = 0.1;
+
+/// The simulated robot's camera and the places of its tags. A robot that was not calibrated on the simulator counts
+/// as one whose camera and tags were calibrated elsewhere.
+fn simulated_eyes<'a>(robot: &Robot, link: &SimulatedLink, seed: u64) -> Eyes<'a> {
+    let (scene, places) = match &robot.calibrated {
+        Some(calibrated) => (Scene::of(robot, seed), calibrated.places.clone()),
+        None => {
+            let scene = Scene::on_floor(robot, MOUNTED_M, MOUNTED_RAD, seed);
+            let places = scene.places.clone();
+            (scene, places)
+        }
+    };
+    let camera = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
+    (Box::new(camera), places)
+}
+
+/// Who takes note of rests.
+struct Noting<'a> {
+    eyes: Option<Eyes<'a>>,
+    on_rest: Box<OnRest<'a>>,
+}
+
+impl Noting<'_> {
+    fn rest<L: Link>(&mut self, session: &mut Session<'_, L>) -> Result<(), RunError> {
+        let sight = self.eyes.as_mut().map(|(camera, places)| Sight {
+            camera: camera.as_mut(),
+            places,
+        });
+        let lesson = session.notice(sight)?;
+        if let Some((lesson, tracking)) = lesson.zip(session.tracking()) {
+            (self.on_rest)(tracking, &lesson);
+        }
+        Ok(())
+    }
+}
+
+/// The laps of a task on an armed robot.
+struct Laps<'a> {
+    model: &'a Model,
+    task: Task,
+    count: usize,
+    noting: Option<Noting<'a>>,
+    truth: Option<Box<Truth<'a>>>,
+    progress: Box<dyn FnMut(Progress) + 'a>,
+}
+
+impl Laps<'_> {
+    /// Follows `first`, and then the task from where the tool is, again and again.
+    fn follow<L: Link>(
+        &mut self,
+        session: &mut Session<'_, L>,
+        first: Plan,
+    ) -> Result<Run, RunError> {
+        let mut plan = first;
+        if let Some(noting) = &mut self.noting {
+            noting.rest(session)?;
+            plan = session.plan(self.task.clone(), None)?;
+        }
+        let mut figures = Vec::new();
+        loop {
+            let mut recorder = Recorder::default();
+            session.follow(&plan, &mut recorder, &mut self.progress)?;
+            if let Some(noting) = &mut self.noting {
+                noting.rest(session)?;
+            }
+            let mut run = Run {
+                plan,
+                samples: recorder.samples,
+                true_path: None,
+                true_turns: None,
+                simulated: false,
+                laps: Vec::new(),
+            };
+            if self.count <= 1 {
+                return Ok(run);
+            }
+            self.judge(&mut run);
+            figures.push(run.figures(self.model)?);
+            if figures.len() >= self.count {
+                run.laps = figures;
+                return Ok(run);
+            }
+            plan = session.plan(self.task.clone(), None)?;
+        }
+    }
+
+    /// Adds the truth of a simulated robot's last motion.
+    fn judge(&mut self, run: &mut Run) {
+        let Some(trace) = self.truth.as_mut().map(|truth| truth()) else {
+            return;
+        };
+        let known = self.model.robot().calibrated.is_none();
+        run.true_turns = known.then(|| report::true_turns(&trace));
+        run.true_path = Some(in_calibrated_frame(self.model, report::true_path(&trace)));
     }
 }
 

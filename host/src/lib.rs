@@ -20,6 +20,7 @@
 //! | [`reproduce`] | the paper's experiments, compared with its numbers |
 //! | [`run`] | running a plan on a board |
 //! | [`scenario`] | fault injection, and its results |
+//! | `tracked` | the tracked state of a robot in files, and its history |
 //! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
 //! | [`experiment`] | a task from connecting to disarming, and its results |
 //! | `chart` | charts for pages, and as files: SVG, PNG, PDF |
@@ -93,6 +94,7 @@ pub mod sight;
 mod stamp;
 pub mod study;
 pub mod tension;
+mod tracked;
 mod units;
 
 pub use mcdpr_core::estimate;

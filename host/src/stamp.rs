@@ -5,8 +5,14 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Date and time now, UTC, as in 20260301-120000.
 #[must_use]
 pub(crate) fn utc_stamp() -> String {
+    stamp(unix_s())
+}
+
+/// Seconds since 1970 now.
+#[must_use]
+pub(crate) fn unix_s() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
-    stamp(since.map_or(0, |since| since.as_secs()))
+    since.map_or(0, |since| since.as_secs())
 }
 
 /// Hour and minute of a Unix time, UTC.

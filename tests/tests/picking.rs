@@ -21,6 +21,8 @@ fn wanted(count: usize, seed: u64) -> Wanted {
         near: true,
         paper: false,
         mat: true,
+        heavier: 1.0,
+        tracked: false,
     }
 }
 

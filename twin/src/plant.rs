@@ -11,7 +11,7 @@ use mcdpr_core::robot::{Cable, DriveKind, Gear, Robot, Winch};
 use mcdpr_core::run::RunError;
 use mcdpr_simulator::plant::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, Plant, PlantError, PlantParams,
-    PlatformParams, Pose, Protocol, TensionSensorParams, UnmodelledParams, WinchParams,
+    PlatformParams, Pose, Protocol, SensorDrift, TensionSensorParams, UnmodelledParams, WinchParams,
 };
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
@@ -43,6 +43,9 @@ pub struct Mismatch {
     /// What real machines have besides.
     #[serde(default)]
     pub found: FoundMismatch,
+    /// What creeps, warms and drifts while it works; `None`: nothing does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hours: Option<AfterHours>,
 }
 
 /// Errors that the logs of a real four-cable robot show beyond those of its geometry (IRMA4U, University
@@ -128,7 +131,8 @@ impl Mismatch {
         out
     }
 
-    /// A kind of machine by its name: `exact`, `realistic`, `as-built`, `as-found` or `as-delivered`.
+    /// A kind of machine by its name: `exact`, `realistic`, `as-built`, `as-found`, `as-delivered` or
+    /// `after-hours`.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         match name {
@@ -137,6 +141,7 @@ impl Mismatch {
             "as-built" => Some(Self::as_built()),
             "as-found" => Some(Self::as_found()),
             "as-delivered" => Some(Self::as_delivered()),
+            "after-hours" => Some(Self::after_hours()),
             _ => None,
         }
     }
@@ -181,6 +186,7 @@ impl Mismatch {
                 moment_m: 0.0,
                 session: 0,
             },
+            hours: None,
         }
     }
 }
@@ -222,7 +228,7 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
     }
     found_winches(&mut winches, found, seed);
     let weight_n = robot.platform.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
-    PlantParams {
+    let mut params = PlantParams {
         platform: platform_params(robot, mismatch, &mut draws),
         cables,
         winches,
@@ -242,7 +248,11 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
         cables_attached: true,
         e_stop_cuts_power: true,
         slow: mcdpr_simulator::plant::SlowParams::default(),
+    };
+    if let Some(hours) = &mismatch.hours {
+        hours.change(&mut params, robot, seed);
     }
+    params
 }
 
 /// What real winches have besides, by sequences of their own: machines without it are unchanged.
@@ -341,6 +351,7 @@ fn winch_params(winch: &Winch, mismatch: &Mismatch, draws: &mut Draws) -> WinchP
             zero_v: winch.tension_zero_v,
             noise_n: SENSOR_NOISE_N,
             max_n: winch.tension_max_n * SENSOR_OVERLOAD,
+            drift: SensorDrift::default(),
         },
     }
 }

@@ -2,6 +2,7 @@
 
 mod bounds;
 mod curve;
+mod drift;
 mod fitting;
 mod gcode;
 pub mod knot;
@@ -26,6 +27,7 @@ mod track;
 mod verdict;
 mod wire;
 
+pub use drift::Drift;
 pub use fitting::{PAPER, PAPER_HEIGHT_M};
 pub use gcode::{GCODE_ENDINGS, is_gcode};
 pub use margin::Margin;

@@ -1,11 +1,12 @@
 //! The planner's model of the robot: tool position to cable lengths and tensions.
 
+use super::drift::Drift;
 use super::options::{PlanOptions, Planner, Tensioning};
 use super::plan::PlanError;
 use super::schedule;
 use crate::holding::Holding;
 use crate::machine;
-use crate::robot::{Control, Robot};
+use crate::robot::{Control, Limits, Robot};
 use mcdpr_kinematics::{AnyRobot, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions};
 use nalgebra::{Rotation3, Vector3};
 
@@ -19,6 +20,8 @@ pub struct Model {
     geometry: AnyRobot,
     holding: Holding,
     options: PlanOptions,
+    /// One per cable; none without entries.
+    pub(super) drift: Vec<Drift>,
 }
 
 /// The robot at rest with its tool at one position.
@@ -63,6 +66,7 @@ impl Model {
             geometry,
             holding,
             options: PlanOptions::default(),
+            drift: Vec::new(),
         })
     }
 
@@ -101,6 +105,13 @@ impl Model {
     #[must_use]
     pub fn with_options(mut self, options: PlanOptions) -> Self {
         self.options = options;
+        self
+    }
+
+    /// The same robot with other limits of a motion.
+    #[must_use]
+    pub fn with_limits(mut self, change: impl FnOnce(&mut Limits)) -> Self {
+        change(&mut self.robot.limits);
         self
     }
 
@@ -224,17 +235,16 @@ impl Model {
         if !self.holding.hangs() {
             return self.rest_fitting(paid_out_m, tensions_n);
         }
-        let cables = self.robot.cables.iter();
+        let cables = self.robot.cables.iter().enumerate();
         let held: Vec<_> = cables
             .zip(paid_out_m.iter().zip(tensions_n))
-            .map(|(cable, (&paid_out, &tension))| match cable.control {
-                Control::Tension if tension > TAUT_N => Held::Tension(tension),
-                Control::Tension => Held::Tension(self.robot.tension.setpoint_n),
-                Control::Position => {
+            .map(|((index, cable), (&paid_out, &reading))| {
+                let tension = self.tension_n(index, reading);
+                match cable.control {
+                    Control::Tension if tension > TAUT_N => Held::Tension(tension),
+                    Control::Tension => Held::Tension(self.robot.tension.setpoint_n),
                     // Statics need taut lengths. With EA = 50 kN, 10 N stretch a metre by 0.2 mm.
-                    let total = paid_out + cable.routing_length_m;
-                    let stretched = total * (1.0 + tension / cable.ea_n);
-                    Held::Length(stretched - cable.routing_length_m)
+                    Control::Position => Held::Length(self.taut_m(index, paid_out, tension)),
                 }
             })
             .collect();
@@ -264,9 +274,7 @@ impl Model {
         let pairs = equilibrium.lengths_m.iter().zip(&equilibrium.tensions_n);
         let paid_out_m = pairs
             .enumerate()
-            .map(|(index, (&length, &tension))| {
-                machine::paid_out_m(&self.robot, index, length, tension)
-            })
+            .map(|(index, (&length, &tension))| self.paid_out_m(index, length, tension))
             .collect();
         StaticState {
             equilibrium,

@@ -165,13 +165,13 @@ impl Model {
         tensions_n: &[f64],
     ) -> Result<StaticState, PlanError> {
         let robot = self.robot();
-        let taut_m: Vec<f64> = robot
-            .cables
+        let taut_m: Vec<f64> = paid_out_m
             .iter()
-            .zip(paid_out_m.iter().zip(tensions_n))
-            .map(|(cable, (paid_out, tension))| {
-                let total = paid_out + cable.routing_length_m;
-                total * (1.0 + tension.max(0.0) / cable.ea_n) - cable.routing_length_m
+            .zip(tensions_n)
+            .enumerate()
+            .map(|(index, (&paid_out, &reading))| {
+                let tension = self.tension_n(index, reading).max(0.0);
+                self.taut_m(index, paid_out, tension)
             })
             .collect();
         let lost = |source| PlanError::Lengths { source };

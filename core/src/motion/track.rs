@@ -260,23 +260,12 @@ impl Track {
         let rotation = Rotation3::new(turned);
         let tool = &model.robot().tool.tcp_in_platform_m;
         rest.equilibrium.pose = Pose::new(tool_m - rotation * tool, rotation);
-        for ((slot, paid_out), (cable, tension)) in rest
-            .equilibrium
-            .lengths_m
-            .iter_mut()
-            .zip(&rest.paid_out_m)
-            .zip(
-                model
-                    .robot()
-                    .cables
-                    .iter()
-                    .zip(rest.equilibrium.tensions_n.iter()),
-            )
-        {
+        let pairs = rest.paid_out_m.iter().zip(&rest.equilibrium.tensions_n);
+        let slots = rest.equilibrium.lengths_m.iter_mut();
+        for (index, (slot, (&paid_out, &tension))) in slots.zip(pairs).enumerate() {
             // Paid out is unstretched cable. All of it stretches, the routing included, and the
             // stretch comes out at the anchor.
-            let total = paid_out + cable.routing_length_m;
-            *slot = total * (1.0 + tension / cable.ea_n) - cable.routing_length_m;
+            *slot = model.taut_m(index, paid_out, tension);
         }
         Ok(rest)
     }

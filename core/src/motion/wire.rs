@@ -47,7 +47,11 @@ pub(super) fn knots(model: &Model, timed: &Timed) -> Result<Vec<Knot>, PlanError
                 .and_then(|s| s.knots().get(index))
                 .map_or(0.0, |k| k.time_s);
             let state = timed.rest(model, at_s)?;
-            let cables = knot::on_splines(&splines, index, state.tensions_n());
+            let tensions = state.tensions_n().iter().enumerate();
+            let readings_n: Vec<f64> = tensions
+                .map(|(cable, &tension_n)| model.reading_n(cable, tension_n))
+                .collect();
+            let cables = knot::on_splines(&splines, index, &readings_n);
             knots.push(Knot {
                 rows: rows(model, &state),
                 ..knot::knot(knots.len(), milliseconds(at_s), cables)

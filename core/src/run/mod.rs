@@ -4,17 +4,19 @@ mod interrupt;
 pub mod jog;
 mod orders;
 mod record;
+mod resting;
 mod resume;
 pub mod saved;
 mod session;
 mod stream;
+pub mod tracking;
 
 pub use interrupt::{interrupt, interrupted};
 pub use orders::stop_wanted;
 pub use record::{Measured, Recorder};
 pub use resume::ResumeError;
 pub use saved::{LengthStore, NoStore};
-pub use session::{Homing, Session, plan_from, preview};
+pub use session::{Homing, Session, Sight, plan_from, preview};
 pub(crate) use stream::follow_plan;
 pub use stream::{Halt, Progress, follow, follow_watched};
 

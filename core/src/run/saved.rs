@@ -142,6 +142,11 @@ pub trait LengthStore {
     /// The lengths of a board were referenced anew: what was measured with the lengths before is not valid.
     fn homed(&self, _board: &str) {}
 
+    /// When the lengths of a board were last referenced anew, s since 1970; `None` if that is not known.
+    fn homed_unix_s(&self, _board: &str) -> Option<u64> {
+        None
+    }
+
     /// Discards the lengths of a board: its drums are about to turn.
     fn forget(&self, _board: &str) {}
 }

@@ -1,7 +1,8 @@
 //! A session with a robot: connecting and homing, arming, one motion after another, closing.
 
 use super::saved::{Implausible, LengthStore, Saved, board_name};
-use super::{Progress, Recorder, RunError, follow_plan, joined_to, lead_in};
+use super::tracking::{Lesson, Tracking};
+use super::{Progress, Recorder, RunError, follow_plan, joined_to, lead_in, resting};
 use crate::control::Handle;
 use crate::estimate::{EstimateError, Measurements, Sigmas, estimate};
 use crate::link::{Client, Link, Note};
@@ -36,6 +37,14 @@ pub enum Homing<'a> {
     },
 }
 
+/// A camera, and the places of the tags that it may see.
+pub struct Sight<'a> {
+    /// The camera.
+    pub camera: &'a mut dyn TagSource,
+    /// The tags' bodies.
+    pub places: &'a [TagPlace],
+}
+
 /// A robot under this program's control.
 pub struct Session<'m, L: Link> {
     client: Client<L>,
@@ -43,6 +52,9 @@ pub struct Session<'m, L: Link> {
     hash: ConfigHash,
     at: StaticState,
     kept: &'m dyn LengthStore,
+    tracking: Option<Tracking>,
+    /// A simulated robot that has just been switched on.
+    fresh: bool,
 }
 
 impl<'m, L: Link> Session<'m, L> {
@@ -68,6 +80,7 @@ impl<'m, L: Link> Session<'m, L> {
         }
         let tensions_n: Vec<_> = status.tensions_n().collect();
         let known: Vec<_> = status.lengths_m().collect();
+        let fresh = client.info().simulated && !status.referenced;
         // A simulated robot in this process is homed in every session.
         let anew = !matches!(homing, Homing::Known) && !client.info().simulated;
         let home = |place: &Vector3<f64>| -> Result<(StaticState, Vec<f64>), RunError> {
@@ -118,7 +131,67 @@ impl<'m, L: Link> Session<'m, L> {
             hash,
             at,
             kept,
+            tracking: None,
+            fresh,
         })
+    }
+
+    /// From now on the robot's slow changes are tracked at its rests, see [`Self::notice`], and plans follow
+    /// them. The board's configuration stays that of the described robot. States that were kept before a homing
+    /// learn of it; those kept of another simulated robot are not used: it has not aged.
+    ///
+    /// # Errors
+    /// [`RunError::Plan`] if no resting pose fits the lengths by what was tracked.
+    pub fn track(&mut self, mut tracking: Tracking, kept_unix_s: Option<u64>) -> Result<(), RunError> {
+        if let Some(kept_s) = kept_unix_s {
+            if self.fresh {
+                tracking = tracking.anew();
+            } else if let Some(homed_s) = self.kept.homed_unix_s(&board_name(self.client.hello()))
+                && homed_s >= kept_s
+            {
+                tracking.homed();
+            }
+        }
+        let tensions_n: Vec<f64> = super::status(&mut self.client)?.tensions_n().collect();
+        let held_m = &self.at.paid_out_m;
+        self.at = tracking.model().rest_from_lengths(held_m, &tensions_n)?;
+        self.tracking = Some(tracking);
+        Ok(())
+    }
+
+    /// What is tracked, if anything is.
+    #[must_use]
+    pub const fn tracking(&self) -> Option<&Tracking> {
+        self.tracking.as_ref()
+    }
+
+    /// The model that plans are made with: the described one, or what tracking made of it.
+    #[must_use]
+    pub fn planner(&self) -> &Model {
+        self.tracking.as_ref().map_or(self.model, Tracking::model)
+    }
+
+    /// Takes note of how the robot rests, for two seconds: lengths, tensions and, with a camera, the tags of
+    /// known places. It must hold. Without tracking nothing happens.
+    ///
+    /// # Errors
+    /// The client's, the camera's; [`PlanError`] where what was learnt leaves no valid robot.
+    pub fn notice(&mut self, sight: Option<Sight<'_>>) -> Result<Option<Lesson>, RunError> {
+        let Some(tracking) = &mut self.tracking else {
+            return Ok(None);
+        };
+        let rest = resting::measure(&mut self.client, sight)?;
+        let readings_n = rest.tensions_n.clone();
+        let lesson = tracking.rest(rest, &self.at.equilibrium.pose)?;
+        // Plans start where the board holds the cables, wherever that is by what is known now.
+        let status = super::status(&mut self.client)?;
+        let held_m: Vec<f64> = status
+            .setpoints
+            .iter()
+            .map(|length| length.metres())
+            .collect();
+        self.at = tracking.model().rest_from_lengths(&held_m, &readings_n)?;
+        Ok(Some(lesson))
     }
 
     /// The line to the board.
@@ -146,7 +219,7 @@ impl<'m, L: Link> Session<'m, L> {
     /// Current tool position, world, m.
     #[must_use]
     pub fn tool_m(&self) -> Vector3<f64> {
-        self.model.tool_m(&self.at)
+        self.planner().tool_m(&self.at)
     }
 
     /// Plans a task from where the tool is.
@@ -155,7 +228,7 @@ impl<'m, L: Link> Session<'m, L> {
     /// The first limit that would be broken.
     pub fn plan(&self, task: Task, speed_mps: Option<f64>) -> Result<Plan, RunError> {
         let attitude = self.at.equilibrium.pose.rotation;
-        plan_turned(self.model, task, &self.tool_m(), attitude, speed_mps)
+        plan_turned(self.planner(), task, &self.tool_m(), attitude, speed_mps)
     }
 
     /// Plans the rest of the task that a loss of power interrupted, from where the tool is; `hash` is
@@ -226,8 +299,12 @@ impl<'m, L: Link> Session<'m, L> {
             super::follow(&mut self.client, &way, &mut Recorder::default(), |_| {})?;
             status = super::status(&mut self.client)?;
         }
-        let knots = joined_to(plan, &status, self.model)?;
+        let knots = joined_to(plan, &status, self.planner())?;
+        let before = recorder.samples.len();
         let done = follow_plan(&mut self.client, plan, &knots, recorder, progress);
+        if let Some(tracking) = &mut self.tracking {
+            tracking.moved(recorder.samples.get(before..).unwrap_or_default());
+        }
         if done.is_ok()
             && let Some(rest) = plan.state(plan.timed.duration_s())
         {

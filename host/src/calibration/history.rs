@@ -83,7 +83,7 @@ fn failed(path: &Path) -> impl FnOnce(std::io::Error) -> FileError + '_ {
 }
 
 /// The text of a file, if there is one.
-fn text_of(path: &Path, most: u64) -> Result<Option<String>, FileError> {
+pub(crate) fn text_of(path: &Path, most: u64) -> Result<Option<String>, FileError> {
     match crate::files::read_text_to(path, most) {
         Ok(text) => Ok(Some(text)),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
@@ -168,7 +168,7 @@ pub(crate) fn remember(
 }
 
 /// Adds a line, on the disk when it returns.
-fn append(path: &Path, entry: &Entry) -> Result<(), FileError> {
+pub(crate) fn append(path: &Path, entry: &impl Serialize) -> Result<(), FileError> {
     let line = serde_json::to_string(entry).map_err(|error| unusable(path, error.to_string()))?;
     let torn =
         text_of(path, MOST_BYTES)?.is_some_and(|text| !text.is_empty() && !text.ends_with('\n'));

@@ -100,6 +100,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("study tension", Refuses),
     ("study tube", Refuses),
     ("study winch", Refuses),
+    ("track", Judges),
     ("tune tension", Refuses),
     ("workspace", Computes),
 ];

@@ -62,6 +62,7 @@ mod states;
 mod study;
 mod table;
 mod token;
+mod track;
 mod tune;
 mod under_page;
 
@@ -124,9 +125,10 @@ pub(crate) struct Common {
     pub seed: u64,
     /// The simulated machine: as its file says, with the errors of a calibrated machine, as a workshop builds
     /// it, or with the errors that a real robot's logs show, its winches calibrated (as-found) or not
-    /// (as-delivered). A robot that was calibrated on the simulator stays the machine that it is
+    /// (as-delivered), or realistic with cables that creep, a room that warms and sensors that drift (after-hours).
+    /// A robot that was calibrated on the simulator stays the machine that it is
     #[arg(long, global = true, value_name = "KIND",
-          value_parser = ["exact", "realistic", "as-built", "as-found", "as-delivered"])]
+          value_parser = ["exact", "realistic", "as-built", "as-found", "as-delivered", "after-hours"])]
     pub machine: Option<String>,
     /// Folder for the run's files, instead of runs/DATE-TIME-NAME
     #[arg(long, global = true, value_name = "DIR")]
@@ -334,6 +336,7 @@ enum Command {
     Statics(compute::statics::Cmd),
     Workspace(compute::workspace::Cmd),
     Calibrate(calibrate::Cmd),
+    Track(track::Cmd),
     Care(care::Cmd),
     Predict(predict::Cmd),
     Pick(pick::Cmd),
@@ -458,6 +461,7 @@ pub fn main() -> ExitCode {
         Command::Statics(cmd) => cmd.run(common),
         Command::Workspace(cmd) => cmd.run(common),
         Command::Calibrate(cmd) => cmd.run(common),
+        Command::Track(cmd) => cmd.run(common),
         Command::Care(cmd) => cmd.run(common),
         Command::Predict(cmd) => cmd.run(common),
         Command::Pick(cmd) => cmd.run(common),

@@ -11,6 +11,7 @@ const ORDER: &[&str] = &[
     "ports",
     "doctor",
     "care",
+    "track",
     "config",
     "camera",
     "states",

@@ -1,7 +1,7 @@
 //! `mcdpr pick`: empty a tray.
 
 use super::eye::Eye;
-use super::numbers::whole;
+use super::numbers::{positive, whole};
 use super::progress::Phase;
 use super::recorded::{About, Recorded};
 use super::table::lay_out;
@@ -60,6 +60,12 @@ pub(crate) struct Cmd {
     /// The tray's floor has no printed tags for localisation
     #[arg(long)]
     no_mat: bool,
+    /// Factor of the simulated objects' masses
+    #[arg(long, default_value_t = 1.0, value_name = "X", value_parser = positive)]
+    heavier: f64,
+    /// Track mass and centre of each load, and the robot's slow changes, and plan by them
+    #[arg(long)]
+    track: bool,
     /// Middle of the tray's floor, world frame; without it, that of the robot file
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
     tray_mm: Option<Vec<f64>>,
@@ -168,6 +174,8 @@ impl Cmd {
             near: !self.far_only,
             paper: self.task == "paper",
             mat: !self.no_mat,
+            heavier: self.heavier,
+            tracked: self.track,
         };
         let scene = if self.resume {
             self.after_cut(common, &robot, &wanted, &handle)?
@@ -419,6 +427,7 @@ fn table(report: &Report, grips: &[String]) {
                 Came::Delivered => "delivered",
                 Came::Missed => "missed",
                 Came::Lost => "lost",
+                Came::TooHeavy => "too heavy",
             }
             .to_owned(),
         ];

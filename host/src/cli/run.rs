@@ -6,20 +6,23 @@ use super::plan::Options;
 use super::progress::Bar;
 use super::recorded::{About, Recorded};
 use super::table::lay_out;
+use super::track::{Started, Track, remember, words};
 use super::{Common, Failed, Outcome, print_json};
 use crate::chart::PlotFormat;
 use crate::control::Handle;
-use crate::experiment::{Experiment, Run, SimulatedRobot};
+use crate::experiment::{Experiment, Looking, Run, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task, Watch};
 use crate::record::{Doing, Watched, task_source};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::saved::scale_of;
+use crate::run::tracking::Lesson;
 use crate::run::{Homing, new_session, watch_for_interrupts};
 use mcdpr_core::estimate::tube::Tube;
 use mcdpr_protocol::SessionId;
 use serde::Serialize;
+use std::cell::RefCell;
 
 /// Run a task: a built-in one (paper:table7, paper:table8) or a task file
 #[derive(Debug, clap::Args)]
@@ -39,6 +42,12 @@ pub(crate) struct Cmd {
     /// path, then the rest
     #[arg(long, conflicts_with = "at_home")]
     resume: bool,
+    /// Do the task so many times in one session
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000),
+          conflicts_with = "resume")]
+    laps: u32,
+    #[command(flatten)]
+    track: Track,
     #[command(flatten)]
     options: Options,
 }
@@ -52,6 +61,12 @@ struct Document {
     simulated: bool,
     realtime_factor: Option<f64>,
     run_folder: Option<String>,
+    /// Figures of each lap, if the task was repeated.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    laps: Vec<Figures>,
+    /// What each rest taught, if the robot was tracked.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rests: Vec<Lesson>,
 }
 
 impl Cmd {
@@ -63,6 +78,7 @@ impl Cmd {
             crate::motion::find_task_for(&model, &self.task, height_m)?
         };
         self.check_resume(common)?;
+        self.track.check(common, self.resume)?;
         if common.dry_run {
             let drawing = super::plan::Drawing::OnRequest;
             return super::plan::show(
@@ -110,6 +126,10 @@ impl Cmd {
         };
         let recorded = Recorded::start(common, Some(&model), about)?;
         let events = &recorded.events;
+        let rests = RefCell::new(Vec::new());
+        let looking = self.track.looking(common, &model)?;
+        let start = || self.track.start(common, &model);
+        let tracked = self.track.is_on().then(start).transpose()?;
         let outcome = if common.on == "sim" {
             let robot = SimulatedRobot::new(mismatch, common.seed).controller(&common.controller);
             let experiment = Experiment::new(&model, task)
@@ -118,7 +138,7 @@ impl Cmd {
                 .recorded_by(events)
                 .time_scale(time_scale)
                 .progress(|p| bar.update(p));
-            experiment.simulate(&robot).map(|simulated| {
+            self.followed(experiment, tracked, looking, &rests).simulate(&robot).map(|simulated| {
                 let factor = simulated.realtime_factor();
                 (simulated.run, Some(factor))
             })
@@ -131,10 +151,15 @@ impl Cmd {
             common
                 .open_port()
                 .map_err(|error| crate::link::ClientError::from(error).into())
-                .and_then(|link| experiment.run_on(Watched::new(link, events).with_orders(&handle)))
+                .and_then(|link| {
+                    let line = Watched::new(link, events).with_orders(&handle);
+                    self.followed(experiment, tracked, looking, &rests).run_on(line)
+                })
                 .map(|run| (run, None))
         };
         bar.finish();
+        let rests = rests.take();
+        remember(common, &name, &rests);
         // A failed run is kept too: it is the one that needs examination.
         let folder = recorded.finish();
         let (run, realtime_factor) = outcome.inspect_err(|_| {
@@ -150,6 +175,8 @@ impl Cmd {
             simulated: run.simulated,
             realtime_factor,
             run_folder: Some(folder.path().display().to_string()),
+            laps: run.laps.clone(),
+            rests,
         };
         if let Err(error) = folder.write_json("summary.json", &document) {
             incomplete(&error);
@@ -168,8 +195,29 @@ impl Cmd {
             .chain(figure_rows(&model, &[figures]))
             .collect();
         super::write_out(&lay_out(&rows));
+        if let Some(laps) = lap_words(&document.laps) {
+            say!("{laps}");
+        }
+        if !document.rests.is_empty() {
+            say!("{}", words(&document.rests));
+        }
         say!("run folder: {}", folder.path().display());
         Ok(())
+    }
+
+    /// The experiment with its laps, and tracked if that was asked for; `rests` gets what each rest taught.
+    fn followed<'a>(
+        &self,
+        experiment: Experiment<'a>,
+        tracked: Option<Started>,
+        looking: Looking<'a>,
+        rests: &'a RefCell<Vec<Lesson>>,
+    ) -> Experiment<'a> {
+        let experiment = experiment.laps(self.laps as usize);
+        match tracked {
+            Some(started) => started.tracked(experiment, looking, rests),
+            None => experiment,
+        }
     }
 
     /// Refuses `--resume` where nothing can be continued.
@@ -199,6 +247,31 @@ impl Cmd {
         }
         experiment
     }
+}
+
+/// The first and the last lap, and the median, in a sentence; `None` for a single one.
+fn lap_words(laps: &[Figures]) -> Option<String> {
+    let (first, last) = laps.first().zip(laps.last()).filter(|_| laps.len() > 1)?;
+    let error = |figures: &Figures| {
+        figures
+            .path_error_m
+            .map_or(figures.cable_length_error_m.mean, |e| e.mean)
+            * 1e3
+    };
+    let what = if first.path_error_m.is_some() {
+        "path error of the tool"
+    } else {
+        "cable length error"
+    };
+    let mut all: Vec<f64> = laps.iter().map(error).collect();
+    all.sort_by(f64::total_cmp);
+    let middle = all.get(all.len() / 2).copied().unwrap_or(0.0);
+    Some(format!(
+        "{} laps, {what}, mean of the first {:.3}, of the last {:.3}, median {middle:.3} mm",
+        laps.len(),
+        error(first),
+        error(last)
+    ))
 }
 
 /// Height of the tool when a level platform's origin is at `z_mm`, m.

@@ -10,9 +10,11 @@ use crate::motion::{Model, Plan, PlanError, StaticState, Step};
 use crate::recovery::{Journal, JournalError, load};
 use crate::report::PathPoint;
 use crate::robot::Robot;
-use crate::run::{self, Measured, Recorder, ResumeError, RunError};
+use crate::run::tracking::{AtRest, Tracking};
+use crate::run::{self, Halt, Measured, Recorder, ResumeError, RunError};
 use crate::sight::Shown;
-use mcdpr_protocol::{ConfigHash, Knot, Request, SessionId, Status};
+use mcdpr_core::estimate::track::{Load, Prior};
+use mcdpr_protocol::{ConfigHash, Knot, Request, SessionId, Status, StopKind};
 use nalgebra::{Isometry3, Vector3};
 
 /// An armed robot on a line.
@@ -26,6 +28,7 @@ pub struct Arm<L: Link> {
     samples: Vec<Measured>,
     planned: Vec<PathPoint>,
     began_us: u64,
+    tracking: Option<Tracking>,
 }
 
 /// Tensions are averaged over this time, s.
@@ -45,6 +48,8 @@ const FRAME_GAP_M: f64 = 0.012;
 const LEG_MAX_M: f64 = 0.1;
 /// Polling interval for a picture, us.
 const ASK_US: u64 = 4_000;
+/// Speed at which something is raised whose weight is unknown, m/s: a stop takes some hundredths of a millimetre.
+const CAREFUL_MPS: f64 = 0.01;
 /// Shorter moves are skipped, m.
 const NO_WAY_M: f64 = 1e-6;
 
@@ -146,7 +151,26 @@ impl<L: Link> Arm<L> {
             samples: Vec::new(),
             planned: Vec::new(),
             began_us,
+            tracking: None,
         })
+    }
+
+    /// Tracks the robot's slow changes and its loads from now on, whenever tensions are averaged.
+    pub(crate) fn track(&mut self, prior: &Prior) {
+        self.tracking = Some(Tracking::new(&self.model, prior));
+    }
+
+    /// The jaws hold something: its mass and centre are estimated from the next averaged tensions on.
+    pub(crate) fn lifted(&mut self) {
+        if let Some(tracking) = &mut self.tracking {
+            tracking.lift();
+        }
+    }
+
+    /// What the jaws hold, as tracked.
+    #[must_use]
+    pub(crate) fn load(&self) -> Option<Load> {
+        self.tracking.as_ref().and_then(Tracking::load)
     }
 
     /// From now on keeps the board's samples and the planned tool positions.
@@ -237,14 +261,8 @@ impl<L: Link> Arm<L> {
     /// # Errors
     /// The first limit that would be broken.
     pub fn judge(&mut self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
-        let mut robot = self.model.robot().clone();
-        robot.limits.tension_min_n += SPARE_N;
-        robot.limits.tension_max_n -= SPARE_N;
-        let (options, at_m) = (self.model.options(), self.tool_m);
-        let judged = self.meanwhile(|_| {
-            let model = Model::new(&robot)?.with_options(options);
-            plan(&model, at_m, points_m).map(|_| ())
-        })?;
+        let at_m = self.tool_m;
+        let judged = self.meanwhile(|model| plan(&with_spare(model), at_m, points_m).map(|_| ()))?;
         Ok(judged?)
     }
 
@@ -305,6 +323,9 @@ impl<L: Link> Arm<L> {
         let mut recorder = Recorder::default();
         let from_s = self.time_s();
         run::follow(&mut self.client, &knots, &mut recorder, |_| {})?;
+        if let Some(tracking) = &mut self.tracking {
+            tracking.moved(&recorder.samples);
+        }
         if let Some(last) = points_m.last() {
             self.tool_m = *last;
         }
@@ -355,6 +376,81 @@ impl<L: Link> Arm<L> {
         {
             cable.length.0 += gap;
         }
+    }
+
+    /// Raises the tool slowly, until the height is reached or a tension comes within [`SPARE_N`] of its limit:
+    /// `false` then. The robot holds where it is, and `tool_m` says where.
+    ///
+    /// # Errors
+    /// As [`Arm::go`].
+    pub(crate) fn raise_carefully(&mut self, by_m: f64) -> Result<bool, PickError> {
+        let at_m = self.tool_m;
+        let up_m = at_m + Vector3::new(0.0, 0.0, by_m);
+        let raise = |model: &Model| {
+            let step = Step::Move {
+                path: Path::through(&[at_m, up_m])?,
+                duration_s: None,
+                speed_mps: Some(CAREFUL_MPS),
+            };
+            Plan::new(model, &at_m, &[step])
+        };
+        let plan = self.meanwhile(raise)??;
+        let status = run::status(&mut self.client)?;
+        let mut knots = run::joined_to(&plan, &status, &self.model)?;
+        self.close_at_rest(&mut knots, &status);
+        self.client.note(Note::Plan(&plan));
+        let most_n = self.model.robot().limits.tension_max_n - SPARE_N;
+        let watch = |recorder: &Recorder| {
+            let last = recorder.samples.last()?;
+            last.tensions_n.iter().any(|n| *n > most_n).then(|| Halt {
+                kind: StopKind::Hold,
+                reason: "a tension comes near its limit".to_owned(),
+            })
+        };
+        let mut recorder = Recorder::default();
+        let halted = run::follow_watched(&mut self.client, &knots, &mut recorder, watch)?;
+        if let Some(tracking) = &mut self.tracking {
+            tracking.moved(&recorder.samples);
+        }
+        self.tool_m = up_m;
+        if halted.is_some() {
+            let status = run::status(&mut self.client)?;
+            let held: Vec<f64> = status.setpoints_m().collect();
+            let first: Vec<f64> = knots.first().map_or_else(Vec::new, |knot| {
+                knot.cables.iter().map(|cable| cable.length.metres()).collect()
+            });
+            // The way is short and straight: the share of it that the length-held cables have gone.
+            let whole: Vec<f64> = knots.last().map_or_else(Vec::new, |knot| {
+                knot.cables.iter().map(|cable| cable.length.metres()).collect()
+            });
+            let held_by = self.model.holding().by_length();
+            let gone = |of: &[f64]| -> f64 {
+                held_by.iter().map(|&i| (of[i] - first[i]).abs()).sum()
+            };
+            let share = gone(&held) / gone(&whole).max(1e-9);
+            self.tool_m = at_m + (up_m - at_m) * share.clamp(0.0, 1.0);
+        }
+        Ok(halted.is_none())
+    }
+
+    /// Whether the robot could move along these points with a load of `load_n` at its tool, with every tension
+    /// within its limits and a margin: judged, not executed.
+    ///
+    /// # Errors
+    /// The line's.
+    pub(crate) fn could_carry(
+        &mut self,
+        load_n: f64,
+        points_m: &[Vector3<f64>],
+    ) -> Result<bool, PickError> {
+        let at_m = self.tool_m;
+        self.meanwhile(|model| {
+            let mass_kg = (load_n / mcdpr_kinematics::GRAVITY_MPS2).max(0.0);
+            let Ok(model) = load::loaded(&with_spare(model), mass_kg) else {
+                return false;
+            };
+            plan(&model, at_m, points_m).is_ok()
+        })
     }
 
     /// Waits, s.
@@ -422,15 +518,64 @@ impl<L: Link> Arm<L> {
     /// # Errors
     /// The line's.
     pub(crate) fn mean_tensions_n(&mut self) -> Result<Vec<f64>, PickError> {
+        self.tensions_over(WEIGH_READINGS)
+    }
+
+    /// Tensions averaged over so many readings of 50 ms, N.
+    ///
+    /// # Errors
+    /// The line's.
+    pub(crate) fn tensions_over(&mut self, readings: u32) -> Result<Vec<f64>, PickError> {
         let mut sum = vec![0.0; self.model.robot().cables.len()];
-        for _ in 0..WEIGH_READINGS {
+        let mut lengths_m = sum.clone();
+        let share = 1.0 / f64::from(readings.max(1));
+        for _ in 0..readings {
             self.wait(WEIGH_S / f64::from(WEIGH_READINGS))?;
             let status = run::status(&mut self.client)?;
             for (sum, tension) in sum.iter_mut().zip(tensions(&status)) {
-                *sum += tension / f64::from(WEIGH_READINGS);
+                *sum += tension * share;
+            }
+            for (sum, length) in lengths_m.iter_mut().zip(lengths(&status)) {
+                *sum += length * share;
             }
         }
+        // Swing must have died away: a short mean teaches nothing.
+        if readings >= WEIGH_READINGS {
+            self.teach(lengths_m, sum.clone())?;
+        }
         Ok(sum)
+    }
+
+    /// Gives a rest to what is tracked, and plans by it from then on.
+    fn teach(&mut self, lengths_m: Vec<f64>, tensions_n: Vec<f64>) -> Result<(), PickError> {
+        let Some(tracking) = &mut self.tracking else {
+            return Ok(());
+        };
+        let near = tracking.model().rest_from_lengths(&lengths_m, &tensions_n)?;
+        let rest = AtRest {
+            now_us: self.client.now_us(),
+            lengths_m,
+            tensions_n,
+            ..AtRest::default()
+        };
+        let lesson = tracking.rest(rest, &near.equilibrium.pose)?;
+        if let Some(named) = &lesson.named {
+            eprintln!("{named}");
+        }
+        self.follow_tracking()
+    }
+
+    /// Plans by what is tracked from now on.
+    fn follow_tracking(&mut self) -> Result<(), PickError> {
+        let Some(tracking) = &self.tracking else {
+            return Ok(());
+        };
+        self.model = tracking.model().clone();
+        let status = run::status(&mut self.client)?;
+        let held: Vec<f64> = status.setpoints_m().collect();
+        let rest = self.meanwhile(|model| model.rest_from_lengths(&held, &tensions(&status)))??;
+        self.tool_m = self.model.tool_m(&rest);
+        Ok(())
     }
 
     /// The vertical force of a change of tensions at the tool's present position, N: the additional
@@ -449,6 +594,18 @@ impl<L: Link> Arm<L> {
     /// # Errors
     /// If the robot cannot hang with it at its present position.
     pub fn carry(&mut self, mass_kg: f64) -> Result<(), PickError> {
+        if let Some(tracking) = &mut self.tracking {
+            if mass_kg <= 0.0 {
+                tracking.set_down()?;
+                return self.follow_tracking();
+            }
+            // Its mass and centre are in the model since it was weighed.
+            if tracking.load().is_some() {
+                return Ok(());
+            }
+            tracking.set_down()?;
+            self.follow_tracking()?;
+        }
         let mut robot: Robot = self.model.robot().clone();
         let bare_kg = robot.platform.mass_kg - self.carried_kg;
         let tcp = robot.tool.tcp_in_platform_m;
@@ -462,7 +619,8 @@ impl<L: Link> Arm<L> {
         robot.platform.center_of_mass_m =
             (bare_center * bare_kg + tcp * mass_kg) / robot.platform.mass_kg;
         self.carried_kg = mass_kg;
-        self.model = Model::new(&robot)?.with_options(self.model.options());
+        let drift = self.model.drift().to_vec();
+        self.model = Model::new(&robot)?.with_options(self.model.options()).with_drift(&drift);
         // Tool position with that load at the lengths that the board holds.
         let status = run::status(&mut self.client)?;
         let held: Vec<f64> = status.setpoints_m().collect();
@@ -491,6 +649,14 @@ impl<L: Link> Arm<L> {
     pub fn simulated(&self) -> bool {
         self.client.info().simulated
     }
+}
+
+/// The same robot with limits of tension that are closer by [`SPARE_N`].
+fn with_spare(model: &Model) -> Model {
+    model.clone().with_limits(|limits| {
+        limits.tension_min_n += SPARE_N;
+        limits.tension_max_n -= SPARE_N;
+    })
 }
 
 /// The plan of straight moves from point to point; `None` if there is no distance to move.

@@ -1,6 +1,7 @@
 //! Results of picking: each attempt, and why it ended.
 
 use super::budget::Budget;
+use mcdpr_core::estimate::track::Load;
 use serde::Serialize;
 
 /// Result of one attempt.
@@ -13,6 +14,32 @@ pub enum Outcome {
     Missed,
     /// The object was lost after the lift.
     Lost,
+    /// The robot cannot carry it: it was put down where it lay.
+    TooHeavy,
+}
+
+/// A load as tracked.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Weighed {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Its standard deviation, kg.
+    pub mass_sigma_kg: f64,
+    /// Centre of mass, platform frame, m.
+    pub center_m: [f64; 3],
+    /// Its standard deviation per axis, m.
+    pub center_sigma_m: [f64; 3],
+}
+
+impl From<Load> for Weighed {
+    fn from(load: Load) -> Self {
+        Self {
+            mass_kg: load.mass_kg,
+            mass_sigma_kg: load.mass_sigma_kg,
+            center_m: load.center_m.into(),
+            center_sigma_m: load.center_sigma_m.into(),
+        }
+    }
 }
 
 /// One attempt.
@@ -38,6 +65,9 @@ pub struct Attempt {
     pub quality: f64,
     /// Weight by the difference of tensions, N; `None` if nothing was lifted.
     pub lifted_n: Option<f64>,
+    /// Mass and centre as tracked, where loads are tracked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub load: Option<Weighed>,
     /// Whether that weight agrees with the gripper's switch.
     pub weight_agrees: Option<bool>,
     /// Distance of the tool from its target before the jaws closed and the last correction was

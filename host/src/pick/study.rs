@@ -15,6 +15,7 @@ use crate::report::PathPoint;
 use crate::robot::Robot;
 use crate::run::Measured;
 use crate::sight::Shown;
+use mcdpr_core::estimate::track::Prior;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::camera::{Cell, Grip, Order};
 use mcdpr_vision::grasp::{Antipodal, Detector};
@@ -80,6 +81,7 @@ impl Knowledge {
                     pulley_loss: 0.0,
                     gears: Mismatch::realistic().gears,
                     found: Mismatch::realistic().found,
+                    hours: None,
                 },
                 NO_MOUNTING,
             ),
@@ -190,7 +192,7 @@ pub fn planning() -> PlanOptions {
 }
 
 /// One scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
     /// Arrangement of the objects.
     pub order: Order,
@@ -212,6 +214,10 @@ pub struct Wanted {
     pub paper: bool,
     /// Whether the tray's floor is covered with printed tags for localisation.
     pub mat: bool,
+    /// Factor of the objects' masses.
+    pub heavier: f64,
+    /// Whether the robot tracks its loads and slow changes.
+    pub tracked: bool,
 }
 
 /// Picks one scene on the simulator.
@@ -266,6 +272,9 @@ pub(crate) fn scene_by(
     };
     let line = watching.line(&link, stage.model.robot().cables.len(), handle);
     let mut arm = Arm::start(stage.model.clone(), line, SessionId(1), handle)?;
+    if wanted.tracked {
+        arm.track(&Prior::default());
+    }
     let began_us = link.now_us();
     if watching.keep {
         arm.keep_samples();
@@ -308,6 +317,8 @@ impl Stage {
             near,
             paper,
             mat,
+            heavier,
+            ..
         } = *wanted;
         let (mismatch, mounting) = knowledge.mismatch();
         let known = match knowledge {
@@ -324,7 +335,7 @@ impl Stage {
         let link = SimulatedRobot::new(mismatch, seed)
             .controller(controller)
             .at_home(&model)?;
-        let (cell, mut options) = if paper {
+        let (mut cell, mut options) = if paper {
             workcell::paper(&model)?
         } else {
             let mut tray = Places::of(robot)?.tray();
@@ -334,6 +345,7 @@ impl Stage {
             let cell = workcell::cell(robot, tray, order, count, seed)?;
             (cell, workcell::options(robot)?)
         };
+        cell.make_heavier(heavier);
         options.mat = cell.tray.mat.as_ref().map(workcell::mat);
         if options.mat.is_some() {
             options.hand.margin_m = workcell::MARGIN_BY_MAT_M;

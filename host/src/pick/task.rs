@@ -4,7 +4,7 @@ use super::budget::{Measuring, Uncertainty};
 use super::choose::{Choice, Choices};
 use super::mat::{Mat, MatSight};
 use super::news::pads;
-use super::report::{Attempt, End, Outcome, Report};
+use super::report::{Attempt, End, Outcome, Report, Weighed};
 use super::{Arm, Chosen, News, Phase, PickError, Refusal, Tell};
 use crate::link::Link;
 use crate::sight::Shown;
@@ -100,6 +100,10 @@ const AGAIN_M: f64 = 0.025;
 const WEIGHT_MIN_N: f64 = 0.05;
 /// A lifted weight beyond this is not plausible, N.
 const WEIGHT_MAX_N: f64 = 8.0;
+/// What the jaws hold is raised by this before it is known whether the robot can carry it, m.
+const TRIAL_M: f64 = 2e-3;
+/// Readings of the tensions for that.
+const TRIAL_READINGS: u32 = 3;
 /// Motion up and down by this before weighing, m: beyond the pulleys' presliding.
 const OVERSHOOT_M: f64 = 0.01;
 /// A final position that cannot be reached is tried this much lower, m.
@@ -366,22 +370,31 @@ impl<'a, L: Link> Picker<'a, L> {
         self.begins(Phase::Descending);
         let left_m = self.reach(&at, TRIES)?;
         let budget = self.options.uncertainty.budget(&self.measuring(choice));
+        let bare_n = self.arm.tensions_over(TRIAL_READINGS)?;
+        let grasp_m = self.arm.tool_m();
         watcher.closing(choice);
         self.begins(Phase::Closing);
         let met = self.arm.grip(true)?;
         let has_switch = self.arm.model().robot().gripper.switch;
         let up = Vector3::new(0.0, 0.0, OVERSHOOT_M);
-        let mut lifted_n = None;
+        let (mut lifted_n, mut load) = (None, None);
         let outcome = if has_switch && met {
             Outcome::Missed
+        } else if let Some(load_n) = self.too_heavy(&bare_n, above + up)? {
+            self.tell(&News::Weighed { weight_n: load_n });
+            lifted_n = Some(load_n);
+            self.arm.go(&[grasp_m])?;
+            Outcome::TooHeavy
         } else {
             // Down to the height of the first weighing, in the same direction: friction is the same
             // and cancels.
             self.begins(Phase::Lifting);
             self.arm.go(&[above + up, above])?;
+            self.arm.lifted();
             let now_n = self.arm.mean_tensions_n()?;
             let weight_n = self.arm.lift_n(&before_n, &now_n)?;
             lifted_n = Some(weight_n);
+            load = self.arm.load().map(Weighed::from);
             self.tell(&News::Weighed { weight_n });
             // A switch detects when the jaws meet, also on the way up; without one the weight does.
             let slipped = has_switch && self.arm.grip(true)?;
@@ -413,6 +426,7 @@ impl<'a, L: Link> Picker<'a, L> {
             width_m: choice.grasp.width_m,
             quality: choice.grasp.quality,
             lifted_n,
+            load,
             weight_agrees: lifted_n
                 .map(|weight_n| (weight_n > WEIGHT_MIN_N) == (outcome != Outcome::Missed)),
             left_m,
@@ -442,16 +456,38 @@ impl<'a, L: Link> Picker<'a, L> {
         }
     }
 
+    /// Raises what the jaws hold by [`TRIAL_M`], and weighs it; returns the weight, N, if the robot cannot carry it
+    /// to the release position. `bare_n` are the tensions without it.
+    fn too_heavy(
+        &mut self,
+        bare_n: &[f64],
+        above: Vector3<f64>,
+    ) -> Result<Option<f64>, PickError> {
+        let within = self.arm.raise_carefully(TRIAL_M)?;
+        let now_n = self.arm.tensions_over(TRIAL_READINGS)?;
+        let load_n = self.arm.lift_n(bare_n, &now_n)?;
+        let [over, release] = self.way_out(above.z);
+        let can = within && self.arm.could_carry(load_n, &[above, over, release])?;
+        Ok((!can).then_some(load_n))
+    }
+
+    /// The way to the release position: across at `height_m` at least, then down.
+    fn way_out(&self, height_m: f64) -> [Vector3<f64>; 2] {
+        let release = self.options.release_m;
+        let above = release + Vector3::new(0.0, 0.0, self.options.above_m);
+        // Across at the greater of both heights: nothing in the tray is touched.
+        [
+            Vector3::new(release.x, release.y, height_m.max(above.z)),
+            release,
+        ]
+    }
+
     /// Carries the object in the jaws to the release position.
     fn deliver(&mut self, weight_n: f64) -> Result<Outcome, PickError> {
         let gravity = mcdpr_kinematics::GRAVITY_MPS2;
         self.arm
             .carry(weight_n.clamp(0.0, WEIGHT_MAX_N) / gravity)?;
-        let release = self.options.release_m;
-        let above = release + Vector3::new(0.0, 0.0, self.options.above_m);
-        // Across at the greater of both heights: nothing in the tray is touched.
-        let level = self.arm.tool_m().z.max(above.z);
-        let over = Vector3::new(release.x, release.y, level);
+        let [over, release] = self.way_out(self.arm.tool_m().z);
         self.begins(Phase::Carrying);
         self.arm.go(&[over, release])?;
         // A switch that closes during the move indicates that the jaws are empty now.

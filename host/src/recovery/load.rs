@@ -36,7 +36,8 @@ pub(crate) fn loaded(model: &Model, mass_kg: f64) -> Result<Model, PlanError> {
     platform.center_of_mass_m = (platform.center_of_mass_m * bare_kg
         + robot.tool.tcp_in_platform_m * mass_kg)
         / platform.mass_kg;
-    Ok(Model::new(&robot)?.with_options(model.options()))
+    let loaded = Model::new(&robot)?.with_options(model.options());
+    Ok(loaded.with_drift(model.drift()))
 }
 
 /// Mass in closed jaws at rest, kg, with these lengths (m) and mean tensions (N); 0 with open jaws, with jaws

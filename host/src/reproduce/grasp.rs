@@ -237,6 +237,8 @@ pub(super) fn picking(bench: &Bench) -> Result<Outcome, ReproduceError> {
                     near: true,
                     paper,
                     mat: false,
+                    heavier: 1.0,
+                    tracked: false,
                 };
                 let watching = Watching {
                     keep: paper && seed == bench.seed,

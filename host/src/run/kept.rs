@@ -24,6 +24,9 @@ impl LengthStore for LengthFiles {
     }
 
     fn homed(&self, board: &str) {
+        if let Err(error) = mark_homed(board) {
+            eprintln!("warning: when the robot was homed was not kept: {error}");
+        }
         let path =
             state_folder().map(|folder| folder.join(format!("journal-{board}")).join(TAG_VIEW));
         let Some(path) = path else {
@@ -37,6 +40,11 @@ impl LengthStore for LengthFiles {
         }
     }
 
+    fn homed_unix_s(&self, board: &str) -> Option<u64> {
+        let text = std::fs::read_to_string(homed_path(board)?).ok()?;
+        text.trim().parse().ok()
+    }
+
     fn forget(&self, board: &str) {
         let Some(path) = path_of(board) else {
             return;
@@ -48,6 +56,19 @@ impl LengthStore for LengthFiles {
             _ => {}
         }
     }
+}
+
+fn homed_path(board: &str) -> Option<PathBuf> {
+    Some(state_folder()?.join(format!("homed-{board}")))
+}
+
+/// Keeps the time of a homing.
+fn mark_homed(board: &str) -> std::io::Result<()> {
+    let path = homed_path(board).ok_or(std::io::ErrorKind::NotFound)?;
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder)?;
+    }
+    crate::files::write_atomically(&path, format!("{}\n", crate::stamp::unix_s()))
 }
 
 /// Saves them completely, in place of the old ones.

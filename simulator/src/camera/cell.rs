@@ -115,6 +115,13 @@ impl Cell {
         &self.scene.bodies[self.fixed..]
     }
 
+    /// Multiplies the mass of every object.
+    pub fn make_heavier(&mut self, factor: f64) {
+        for body in self.scene.bodies.iter_mut().skip(self.fixed) {
+            body.mass_kg *= factor;
+        }
+    }
+
     /// Results of all closings of the jaws so far.
     #[must_use]
     pub fn log(&self) -> &[CellEvent] {

@@ -208,6 +208,29 @@ pub struct TensionSensorParams {
     pub noise_n: f64,
     /// The bridge saturates at this tension (N).
     pub max_n: f64,
+    /// How its zero drifts.
+    pub drift: SensorDrift,
+}
+
+/// Drift of a tension sensor's zero: half of it steady, half in waves of some hours.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SensorDrift {
+    /// Steady part after eight hours (N).
+    pub steady_n: f64,
+    /// Amplitude of the waves, nine radians in eight hours (N).
+    pub wave_n: f64,
+    /// Where the waves begin (rad).
+    pub phase_rad: f64,
+}
+
+impl SensorDrift {
+    /// What the sensor shows without tension, some seconds after the start (N).
+    #[must_use]
+    pub fn zero_n(&self, seconds: f64) -> f64 {
+        let hours = seconds / 28_800.0;
+        let wave = libm::sin(9.0 * hours + self.phase_rad) - libm::sin(self.phase_rad);
+        self.steady_n * hours + self.wave_n * wave
+    }
 }
 
 /// The moving platform.
@@ -330,6 +353,7 @@ impl Default for WinchParams {
                 zero_v: 0.2355,
                 noise_n: 0.05,
                 max_n: 60.0,
+                drift: SensorDrift::default(),
             },
         }
     }

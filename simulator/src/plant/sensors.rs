@@ -138,7 +138,8 @@ impl CableSensors {
             self.drift_n = 0.0;
         }
         // The bridge saturates; its noise and its offset are added behind it.
-        let sensed = tension_n.min(s.max_n) + noise_n + fault.tension_offset_n + self.drift_n;
+        let drift_n = self.drift_n + s.drift.zero_n(now_s);
+        let sensed = tension_n.min(s.max_n) + noise_n + fault.tension_offset_n + drift_n;
         let voltage = sensed / s.gain_n_per_v + s.zero_v;
         let pull_up = match fault.tension {
             TensionFault::Open => Some(super::open::WIRED_OHM),

@@ -93,6 +93,26 @@ pub struct SlowParams {
     /// Thermal expansion of the cables (1/K): steel 12e-6, UHMWPE fibre -12e-6 (along the fibre; data
     /// sheets of Dyneema).
     pub cable_expansion_per_k: f64,
+    /// How frame and cables warm up by themselves, besides what [`Plant::warm`] says.
+    pub warming: Warming,
+}
+
+/// Warming of frame and cables towards a temperature, with one time constant.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Warming {
+    /// Rise in the end (K).
+    pub rise_k: f64,
+    /// Time in which 63 % of it appear (s).
+    pub time_s: f64,
+}
+
+impl Warming {
+    fn after(self, seconds: f64) -> f64 {
+        if self.rise_k == 0.0 {
+            return 0.0;
+        }
+        self.rise_k * (1.0 - libm::exp(-seconds / self.time_s))
+    }
 }
 
 /// A load that the platform carries, as a point of mass.
@@ -111,6 +131,8 @@ pub(super) struct Slow {
     strains: [[f64; 2]; MAX_CABLES],
     warmer_cable_k: f64,
     warmer_frame_k: f64,
+    /// Since the start (s).
+    seconds: f64,
     /// Anchors at the reference temperature, world (m).
     anchors_m: Vec<V3>,
     /// The platform without payload.
@@ -124,6 +146,7 @@ impl Slow {
             strains: [[0.0; 2]; MAX_CABLES],
             warmer_cable_k: 0.0,
             warmer_frame_k: 0.0,
+            seconds: 0.0,
             anchors_m: params.cables.iter().map(|c| c.anchor_m).collect(),
             platform: params.platform.clone(),
         }
@@ -131,7 +154,8 @@ impl Slow {
 
     #[inline(always)]
     pub(super) fn due(&self, steps: u64) -> bool {
-        !self.params.creep.is_empty() && steps.is_multiple_of(EVERY)
+        let changes = !self.params.creep.is_empty() || self.params.warming.rise_k != 0.0;
+        changes && steps.is_multiple_of(EVERY)
     }
 
     /// Creep of a cable (strain, no unit).
@@ -141,6 +165,7 @@ impl Slow {
 
     /// Lets time pass under the cables' present tensions. Exact for a constant tension.
     pub(super) fn pass(&mut self, cables: &mut [Cable], seconds: f64) {
+        self.seconds += seconds;
         for ((cable, strains), creep) in cables
             .iter_mut()
             .zip(&mut self.strains)
@@ -172,8 +197,9 @@ impl Slow {
     }
 
     fn apply(&self, cables: &mut [Cable]) {
-        let warmth = self.params.cable_expansion_per_k * self.warmer_cable_k;
-        let grown = self.params.frame_expansion_per_k * self.warmer_frame_k;
+        let warmer_k = self.params.warming.after(self.seconds);
+        let warmth = self.params.cable_expansion_per_k * (self.warmer_cable_k + warmer_k);
+        let grown = self.params.frame_expansion_per_k * (self.warmer_frame_k + warmer_k);
         for (i, cable) in cables.iter_mut().enumerate() {
             cable.growth = 1.0 + self.strain(i) + warmth;
             let from_center = sub(self.anchors_m[i], self.params.frame_center_m);

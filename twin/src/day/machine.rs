@@ -1,10 +1,12 @@
 //! The machine of a day: the plant, its sensors, its camera. The truth stays in here.
 
-use crate::plant::{AfterHours, Mismatch};
+use crate::plant::{AfterHours, Mismatch, plant_params};
 use mcdpr_core::random::Random;
 use mcdpr_core::robot::{Robot, Tag, TagPlace};
 use mcdpr_core::sight::TagView;
-use mcdpr_simulator::plant::{DayHold, DayPlant, DayState, Payload, PlantError, Pose};
+use mcdpr_simulator::plant::{
+    DayHold, DayPlant, DayState, Payload, PlantError, Pose, SensorDrift,
+};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Noise of a corner, mean of the pictures of one look, px: 0.1 px in thirty pictures leave 0.02, and
@@ -12,8 +14,6 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 pub(super) const CORNER_PX: f64 = 0.05;
 /// Noise of a tension, mean over a second, N: 0.05 N per reading, neighbouring readings alike.
 const TENSION_N: f64 = 0.01;
-/// The room warms with this time constant, s.
-const WARMING_S: f64 = 7200.0;
 /// Side and distance of the mat's tags, m.
 const TAG_M: f64 = 0.08;
 const PITCH_M: f64 = 0.11;
@@ -42,7 +42,7 @@ pub(super) struct Machine {
     counts_per_m: Vec<f64>,
     phase: Vec<f64>,
     sensor_gain: Vec<f64>,
-    drift: Vec<[f64; 3]>,
+    drift: Vec<SensorDrift>,
     seconds: f64,
     held: Vec<bool>,
 }
@@ -95,18 +95,17 @@ impl Machine {
     ///
     /// # Errors
     /// Where it does not hang there.
-    #[expect(clippy::too_many_arguments, reason = "each is one choice of a study")]
     pub(super) fn new(
         robot: &Robot,
         mismatch: &Mismatch,
-        hours: &AfterHours,
         seed: u64,
         pose: &mcdpr_kinematics::Pose,
         tensions_n: &[f64],
         held: &[usize],
         place: TagPlace,
     ) -> Result<Self, PlantError> {
-        let params = hours.plant_params(robot, mismatch, seed);
+        let params = plant_params(robot, mismatch, seed);
+        let hours = mismatch.hours.unwrap_or(AfterHours::polymer());
         let mut random = Random::new(seed ^ 0x6461_7900);
         let nominal = |i: usize| robot.winch_of(i).map_or(1.0, |w| w.tension_gain_n_per_v);
         let sensors = params.winches.iter().enumerate();
@@ -120,7 +119,11 @@ impl Machine {
             .collect();
         let count = params.cables.len();
         let drift = (0..count)
-            .map(|_| [random.normal(), random.normal(), 6.0 * random.unit()])
+            .map(|_| SensorDrift {
+                steady_n: 0.5 * hours.drift_n * random.normal(),
+                wave_n: 0.5 * hours.drift_n * random.normal(),
+                phase_rad: 6.0 * random.unit(),
+            })
             .collect();
         let phase = (0..count).map(|_| random.unit()).collect();
         let [shift, turn] = hours.camera;
@@ -146,7 +149,7 @@ impl Machine {
         plant.rest(&holds)?;
         Ok(Self {
             plant,
-            hours: *hours,
+            hours,
             random,
             lens: [
                 lens.focal_px[0],
@@ -191,10 +194,7 @@ impl Machine {
     }
 
     fn zero_n(&self, cable: usize) -> f64 {
-        let [steady, wave, phase] = self.drift[cable];
-        let hours = self.seconds / 28_800.0;
-        0.5 * self.hours.drift_n
-            * (steady * hours + wave * (libm::sin(9.0 * hours + phase) - libm::sin(phase)))
+        self.drift[cable].zero_n(self.seconds)
     }
 
     /// Lets the winches go to these drum displacements (m), or sensor readings (N) where a tension is held.
@@ -219,8 +219,6 @@ impl Machine {
     pub(super) fn pass(&mut self, seconds: f64) {
         self.seconds += seconds;
         self.plant.pass(seconds);
-        let warmer = self.hours.warmer_k * (1.0 - libm::exp(-self.seconds / WARMING_S));
-        self.plant.warm(warmer, warmer);
     }
 
     /// What the encoders show, as drum displacement, m.

@@ -2,14 +2,11 @@
 
 use super::work::DayError;
 use mcdpr_core::estimate::Measurements;
-use mcdpr_core::estimate::track::{Prior, Region, Report, Tracker};
+use mcdpr_core::estimate::track::{Prior, Pulleys, Region, Report, Tracker};
 use mcdpr_core::motion::{Model, PlanError, StaticState};
 use mcdpr_core::robot::TagPlace;
 use mcdpr_core::sight::TagView;
 use nalgebra::Vector3;
-
-/// Travel over which a pulley's friction turns, as the robot takes it (m): the file does not say it.
-const PRESLIDING_M: f64 = 2e-4;
 
 /// What the winches are told.
 #[derive(Debug, Clone)]
@@ -26,15 +23,14 @@ pub(super) struct Side {
     /// Paid-out lengths where the drums' displacement is zero, as calibrated, m.
     zero_m: Vec<f64>,
     rest: StaticState,
+    /// Friction of the pulleys at the end of the planned way.
     hauled: Vec<f64>,
     /// The same when the winches were last at rest: where the next way begins.
-    rubbed_before: Vec<f64>,
+    pulleys: Pulleys,
     /// Measured less planned tensions, N, and lengths, m: a load that no plan knows yet, and what the
     /// winches that hold a tension paid out for it.
     unplanned_n: Vec<f64>,
     unplanned_m: Vec<f64>,
-    /// Cable that has passed each pulley, stretch of the routing included, m.
-    passed_m: Vec<f64>,
     paid_out_m: Vec<f64>,
     command: Command,
     place: TagPlace,
@@ -57,7 +53,7 @@ impl Side {
             tracker: tracked.then(|| Tracker::new(model, &Prior::default())),
             model: model.clone(),
             paid_out_m: lengths_m.to_vec(),
-            passed_m: passed_m(model, lengths_m, rest.tensions_n()),
+            pulleys: Pulleys::new(model.robot(), lengths_m, rest.tensions_n()),
             command: Command {
                 drums_m: drums_m.to_vec(),
                 readings_n: rest.tensions_n().to_vec(),
@@ -65,7 +61,6 @@ impl Side {
             zero_m,
             rest,
             hauled: vec![0.0; count],
-            rubbed_before: vec![0.0; count],
             unplanned_n: vec![0.0; count],
             unplanned_m: vec![0.0; count],
             place,
@@ -80,17 +75,16 @@ impl Side {
     /// Plans a place of the tool, and takes note of the way there.
     pub(super) fn go(&mut self, tool_m: &Vector3<f64>) -> Result<Command, PlanError> {
         let rest = self.model.rest(tool_m, Some(&self.rest))?;
-        let before = self.rubbed_before.clone();
         let tensions = rest.tensions_n().iter().zip(&self.unplanned_n);
         let felt_n: Vec<f64> = tensions.map(|(planned, more)| planned + more).collect();
         let mut paid_out_m = rest.paid_out_m.clone();
         if let Some(tracker) = &self.tracker {
             // Twice: the way decides the pulleys' friction, and that, a little, the lengths.
             paid_out_m = tracker.paid_out_m(&rest, &self.hauled);
-            self.hauled = self.rubbed(&before, &paid_out_m, &felt_n);
+            self.hauled = self.rubbed(&paid_out_m, &felt_n);
             paid_out_m = tracker.paid_out_m(&rest, &self.hauled);
         }
-        self.hauled = self.rubbed(&before, &paid_out_m, &felt_n);
+        self.hauled = self.rubbed(&paid_out_m, &felt_n);
         let tensions = rest.tensions_n().iter().zip(&self.hauled).enumerate();
         let readings_n = tensions
             .map(|(i, (tension_n, hauled))| match &self.tracker {
@@ -116,36 +110,20 @@ impl Side {
     pub(super) fn feel(&mut self, encoders_m: &[f64], readings_n: &[f64]) {
         let pairs = encoders_m.iter().zip(&self.zero_m);
         let lengths_m: Vec<f64> = pairs.map(|(drum, zero)| drum + zero).collect();
-        // A load stretches the routing: cable passes the pulleys though no drum turns.
-        let passed_m = passed_m(&self.model, &lengths_m, readings_n);
-        self.hauled = self.rubbed_on_the_way(&self.rubbed_before, &passed_m);
-        self.passed_m = passed_m;
+        let robot = self.model.robot();
+        self.pulleys.turn(robot, &lengths_m, readings_n);
+        self.hauled = self.pulleys.hauled().to_vec();
         let pairs = lengths_m.iter().zip(&self.paid_out_m);
         self.unplanned_m = pairs.map(|(read, planned)| read - planned).collect();
-        self.rubbed_before.clone_from(&self.hauled);
         let pairs = readings_n.iter().zip(self.rest.tensions_n());
         self.unplanned_n = pairs.map(|(read, planned)| read - planned).collect();
     }
 
     /// Dahl's friction after a way, as the robot takes it.
-    fn rubbed(&self, before: &[f64], planned_m: &[f64], tensions_n: &[f64]) -> Vec<f64> {
+    fn rubbed(&self, planned_m: &[f64], tensions_n: &[f64]) -> Vec<f64> {
         let pairs = planned_m.iter().zip(&self.unplanned_m);
         let paid_out_m: Vec<f64> = pairs.map(|(planned, more)| planned + more).collect();
-        self.rubbed_on_the_way(before, &passed_m(&self.model, &paid_out_m, tensions_n))
-    }
-
-    fn rubbed_on_the_way(&self, before: &[f64], passed_m: &[f64]) -> Vec<f64> {
-        let ways = passed_m.iter().zip(&self.passed_m);
-        ways.zip(before)
-            .map(|((to, from), state)| {
-                let hauled = (from - to) / PRESLIDING_M;
-                if hauled == 0.0 {
-                    return *state;
-                }
-                let end = hauled.signum();
-                end + (state - end) * libm::exp(-hauled.abs())
-            })
-            .collect()
+        self.pulleys.after(self.model.robot(), &paid_out_m, tensions_n)
     }
 
     /// Time passes in the planned state.
@@ -233,15 +211,4 @@ impl Side {
         };
         tracker.region(&commanded, &self.hauled, &self.rest.equilibrium.pose)
     }
-}
-
-/// Cable past each pulley at these lengths (m) and tensions (N).
-fn passed_m(model: &Model, paid_out_m: &[f64], tensions_n: &[f64]) -> Vec<f64> {
-    let cables = model.robot().cables.iter();
-    cables
-        .zip(paid_out_m.iter().zip(tensions_n))
-        .map(|(cable, (paid_out_m, tension_n))| {
-            paid_out_m + tension_n * cable.routing_length_m / cable.ea_n
-        })
-        .collect()
 }

@@ -2,7 +2,7 @@
 
 use super::machine::{Knock, Machine, mat};
 use super::robot::Side;
-use crate::plant::{AfterHours, Mismatch};
+use crate::plant::Mismatch;
 use mcdpr_core::estimate::track::{Moved, Named};
 use mcdpr_core::motion::{Model, PlanError};
 use mcdpr_core::random::Random;
@@ -75,7 +75,7 @@ pub struct Work {
     /// The robot.
     pub model: Model,
     /// Its machine's errors, constant and slow.
-    pub mismatch: (Mismatch, AfterHours),
+    pub mismatch: Mismatch,
     /// Hours of work.
     pub hours: f64,
     /// Seconds between two looks.
@@ -193,11 +193,9 @@ impl Work {
         let model = Model::new(&robot)?.with_options(self.model.options());
         let rest = model.rest_at_home()?;
         let held = model.holding().by_tension();
-        let (mismatch, hours) = &self.mismatch;
         let mut machine = Machine::new(
             &robot,
-            mismatch,
-            hours,
+            &self.mismatch,
             seed,
             &rest.equilibrium.pose,
             rest.tensions_n(),

@@ -1,12 +1,16 @@
 //! A machine after hours of work: what creeps, warms and drifts in it.
 
-use super::{Mismatch, plant_params};
+use super::Mismatch;
 use mcdpr_core::random::Random;
 use mcdpr_core::robot::Robot;
-use mcdpr_simulator::plant::{Creep, PlantParams, SlowParams};
+use mcdpr_simulator::plant::{Creep, PlantParams, SensorDrift, SlowParams, Warming};
+use serde::{Deserialize, Serialize};
+
+/// The room warms with this time constant, s; assumption.
+const WARMING_S: f64 = 7200.0;
 
 /// Slow changes of a machine over eight hours; each is off where it is zero.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AfterHours {
     /// Final creep of the cables at the tension set-point, strain; each cable within 30 % of it.
     pub creep: f64,
@@ -53,10 +57,8 @@ impl AfterHours {
         }
     }
 
-    /// The physics of a realistic machine that changes like this.
-    #[must_use]
-    pub fn plant_params(&self, robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParams {
-        let mut params = plant_params(robot, mismatch, seed);
+    /// Lets the physics of a machine change like this.
+    pub(super) fn change(&self, params: &mut PlantParams, robot: &Robot, seed: u64) {
         let mut random = Random::new(seed ^ 0x686F_7572);
         let setpoint_n = robot.tension.setpoint_n;
         let steel = self.creep == 0.0 && self.cable_per_k > 0.0;
@@ -96,15 +98,34 @@ impl AfterHours {
             frame_expansion_per_k: self.frame_per_k,
             frame_center_m: center_m,
             cable_expansion_per_k: self.cable_per_k,
+            warming: Warming {
+                rise_k: self.warmer_k,
+                time_s: WARMING_S,
+            },
         };
-        params
+        let mut random = Random::new(seed ^ 0x6472_6966);
+        for winch in &mut params.winches {
+            winch.sensor.drift = SensorDrift {
+                steady_n: 0.5 * self.drift_n * random.normal(),
+                wave_n: 0.5 * self.drift_n * random.normal(),
+                phase_rad: 6.0 * random.unit(),
+            };
+        }
     }
 }
 
 impl Mismatch {
-    /// A realistic machine and how it changes over a day.
+    /// A realistic machine that changes over a day, with polymer cables.
     #[must_use]
-    pub const fn after_hours() -> (Self, AfterHours) {
-        (Self::realistic(), AfterHours::polymer())
+    pub const fn after_hours() -> Self {
+        Self::changing(AfterHours::polymer())
+    }
+
+    /// A realistic machine that changes over a day.
+    #[must_use]
+    pub const fn changing(hours: AfterHours) -> Self {
+        let mut out = Self::realistic();
+        out.hours = Some(hours);
+        out
     }
 }

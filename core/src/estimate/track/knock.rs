@@ -43,6 +43,24 @@ pub struct Named {
     pub by: Vector3<f64>,
 }
 
+impl Named {
+    /// What moved, and by how much, as a sentence without its full stop.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let [x, y, z]: [f64; 3] = (self.by * 1e3).into();
+        let by_mm = self.by.norm() * 1e3;
+        match self.what {
+            Moved::Anchor(cable) => format!(
+                "anchor {cable} moved by {by_mm:.1} mm ({x:+.1}, {y:+.1}, {z:+.1}), or its cable slipped"
+            ),
+            Moved::Camera => format!(
+                "the camera moved by {by_mm:.1} mm on its bracket ({x:+.1}, {y:+.1}, {z:+.1})"
+            ),
+            Moved::Payload => format!("the load changed by {:+.0} g", self.by.x * 1e3),
+        }
+    }
+}
+
 /// A rest that did not fit.
 #[derive(Debug, Clone)]
 pub(super) struct Pending {

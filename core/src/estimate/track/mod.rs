@@ -6,21 +6,27 @@
 //! and creep follows a model with two retardation times (Piao et al., 2017) whose size is itself a state.
 //! What nothing observes keeps its uncertainty. Rests that do not fit are not used: see [`Report`].
 
+mod estimates;
 mod gaussian;
+mod kept;
 mod knock;
 mod layout;
+mod pulleys;
 mod rows;
 #[cfg(test)]
 mod tests;
 
 use super::Measurements;
 use super::region::chi2_quantile;
-use crate::motion::{Model, StaticState};
+use crate::motion::{Drift, Model, PlanError, StaticState};
 use crate::robot::Robot;
 use gaussian::{Fit, Gaussian};
+pub use estimates::{CableEstimate, Estimates, Known};
+pub use kept::{Kept, KeptError};
 use knock::{Hypothesis, Pending};
 pub use knock::{Moved, Named};
 use layout::Layout;
+pub use pulleys::Pulleys;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Matrix3, Vector3};
 pub use rows::RowSigmas;
@@ -470,13 +476,14 @@ impl Tracker {
         })
     }
 
-    /// The robot as plans should take it: anchors, mass and centre of mass as tracked, with payload.
+    /// The robot as plans should take it: anchors, stiffness, mass and centre of mass as tracked, with payload.
     #[must_use]
     pub fn robot(&self) -> Robot {
         let (layout, x) = (self.layout, &self.planned);
         let mut robot = self.robot.clone();
         for (i, cable) in robot.cables.iter_mut().enumerate() {
             cable.anchor_in_world_m += vector(x, layout.anchor(i));
+            cable.ea_n /= 1.0 + x[layout.compliance(i)];
         }
         let platform = &mut robot.platform;
         let moment = platform.center_of_mass_m * platform.mass_kg
@@ -485,6 +492,42 @@ impl Tracker {
         platform.mass_kg += x[layout.platform()] + x[layout.payload()];
         platform.center_of_mass_m = moment / platform.mass_kg;
         robot
+    }
+
+    /// What has changed in each cable and its tension sensor, as plans should take it. The friction of pulleys
+    /// is not in it: it stretches the routing by some micrometres.
+    #[must_use]
+    pub fn drift(&self) -> Vec<Drift> {
+        let (layout, x) = (self.layout, &self.planned);
+        (0..layout.cables)
+            .map(|i| Drift {
+                strain: x[layout.creep(i, 0)] + x[layout.creep(i, 1)],
+                offset_m: x[layout.offset(i)],
+                gain: x[layout.gain(i)],
+                zero_n: x[layout.zero(i)],
+            })
+            .collect()
+    }
+
+    /// The model that plans should use now, with the options of `described`.
+    ///
+    /// # Errors
+    /// Those of [`Model::new`], where what was tracked leaves no valid geometry.
+    pub fn model(&self, described: &Model) -> Result<Model, PlanError> {
+        let model = Model::new(&self.robot())?.with_options(described.options());
+        Ok(model.with_drift(&self.drift()))
+    }
+
+    /// What was assumed at the start.
+    #[must_use]
+    pub const fn prior(&self) -> &Prior {
+        &self.prior
+    }
+
+    /// Whether the gripper holds something, as it was said.
+    #[must_use]
+    pub const fn loaded(&self) -> bool {
+        self.loaded
     }
 
     /// What the encoders must show for a planned rest, m.

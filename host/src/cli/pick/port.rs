@@ -17,6 +17,7 @@ use crate::recovery::load;
 use crate::robot::Robot;
 use crate::run::saved::scale_of;
 use crate::run::{RunError, new_session, watch_for_interrupts};
+use mcdpr_core::estimate::track::Prior;
 use mcdpr_simulator::camera::Tray;
 use mcdpr_vision::Source;
 
@@ -90,7 +91,10 @@ impl Cmd {
                 Arm::resume(model.clone(), line, session, &handle, hash, journal)
                     .map(|(arm, was_closed)| (arm, Some(was_closed)))?
             } else {
-                let arm = Arm::start(model.clone(), line, session, &handle)?;
+                let mut arm = Arm::start(model.clone(), line, session, &handle)?;
+                if self.track {
+                    arm.track(&Prior::default());
+                }
                 (arm, None)
             };
             let mut picker = Picker::new(&mut arm, &mut eye, detector.as_mut(), &options)

@@ -68,7 +68,7 @@ impl Cmd {
                     model: model.clone(),
                     mismatch: match self.cables {
                         Cables::Polymer => Mismatch::after_hours(),
-                        Cables::Steel => (Mismatch::realistic(), AfterHours::steel()),
+                        Cables::Steel => Mismatch::changing(AfterHours::steel()),
                     },
                     hours: self.hours,
                     look_every_s: self.look_every_s,

@@ -157,6 +157,8 @@ impl Study {
             views: 1,
             near: self.near,
             paper: false,
+            heavier: 1.0,
+            tracked: false,
             mat: self.mat,
         };
         // Both arrangements alternate, so that a part of the study already covers both.

@@ -1,0 +1,252 @@
+//! What a robot tracks while it works: rests and motions are given to the filter of
+//! [`crate::estimate::track`], and plans follow it.
+
+use super::Measured;
+use crate::estimate::Measurements;
+use crate::estimate::track::{Kept, KeptError, Load, Prior, Pulleys, Tracker};
+use crate::motion::{Model, PlanError};
+use crate::robot::TagPlace;
+use crate::sight::TagView;
+use mcdpr_kinematics::Pose;
+use serde::{Deserialize, Serialize};
+
+/// A tracker with what it needs of the time between two rests.
+#[derive(Debug, Clone)]
+pub struct Tracking {
+    tracker: Tracker,
+    described: Model,
+    planner: Model,
+    /// `None` until the first rest shows lengths.
+    pulleys: Option<Pulleys>,
+    /// Sum of tensions since the last rest, N, their number, and the mean at the last rest, N.
+    sums_n: Vec<f64>,
+    count: u32,
+    last_n: Vec<f64>,
+    /// The lengths were referenced anew since the states were kept: the next rest is told.
+    homed: bool,
+    /// When the states were last brought up to date, us of the line's clock.
+    last_us: Option<u64>,
+    lessons: Vec<Lesson>,
+}
+
+/// What one rest taught.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Lesson {
+    /// Since the first rest, s.
+    pub at_s: f64,
+    /// Whether the rest fitted what was known.
+    pub fits: bool,
+    /// Sum of squared innovations over the value beyond which a rest is doubted.
+    pub doubt: f64,
+    /// Tags that were seen.
+    pub tags: usize,
+    /// By how much the planned tool moved, mm.
+    pub step_mm: f64,
+    /// What moved, in words, if one cause explains the rests that did not fit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub named: Option<String>,
+    /// Mass in the gripper, kg.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub load_kg: Option<f64>,
+}
+
+/// A robot at rest.
+#[derive(Debug, Clone, Default)]
+pub struct AtRest {
+    /// Time on the line's clock, us.
+    pub now_us: u64,
+    /// Paid-out lengths by the encoders, mean of the rest, m.
+    pub lengths_m: Vec<f64>,
+    /// Tensions by the sensors, mean of the rest, N.
+    pub tensions_n: Vec<f64>,
+    /// Tags in the camera's view, with the places of their bodies.
+    pub views: Vec<TagView>,
+    /// The places.
+    pub places: Vec<TagPlace>,
+}
+
+impl Tracking {
+    /// Tracks a robot from its file, or its calibration, on.
+    #[must_use]
+    pub fn new(described: &Model, prior: &Prior) -> Self {
+        Self::of(Tracker::new(described, prior), described, described.clone())
+    }
+
+    /// Goes on from kept states, `seconds` after they were kept, with the tensions (N) that the robot was left
+    /// with.
+    ///
+    /// # Errors
+    /// [`KeptError`]; a model that cannot be made from the states counts as damaged.
+    pub fn resume(
+        described: &Model,
+        prior: &Prior,
+        kept: &Kept,
+        seconds: f64,
+        tensions_n: &[f64],
+    ) -> Result<Self, KeptError> {
+        let mut tracker = Tracker::resume(described, prior, kept)?;
+        if seconds > 0.0 && tensions_n.len() == described.robot().cables.len() {
+            tracker.pass(seconds, tensions_n);
+        }
+        let planner = tracker.model(described).map_err(|_| KeptError::Damaged {
+            what: "no robot has the geometry that it states",
+        })?;
+        Ok(Self::of(tracker, described, planner))
+    }
+
+    fn of(tracker: Tracker, described: &Model, planner: Model) -> Self {
+        Self {
+            tracker,
+            described: described.clone(),
+            planner,
+            pulleys: None,
+            sums_n: vec![0.0; described.robot().cables.len()],
+            count: 0,
+            last_n: Vec::new(),
+            homed: false,
+            last_us: None,
+            lessons: Vec::new(),
+        }
+    }
+
+    /// The lengths were referenced anew since the states were kept.
+    pub fn homed(&mut self) {
+        self.homed = true;
+    }
+
+    /// The same robot, as if nothing had been tracked.
+    #[must_use]
+    pub(super) fn anew(self) -> Self {
+        Self::new(&self.described, self.tracker.prior())
+    }
+
+    /// The model that plans should use now.
+    #[must_use]
+    pub const fn model(&self) -> &Model {
+        &self.planner
+    }
+
+    /// The filter.
+    #[must_use]
+    pub const fn tracker(&self) -> &Tracker {
+        &self.tracker
+    }
+
+    /// The states, to be kept.
+    #[must_use]
+    pub fn kept(&self) -> Kept {
+        self.tracker.kept()
+    }
+
+    /// What each rest taught, in order.
+    #[must_use]
+    pub fn lessons(&self) -> &[Lesson] {
+        &self.lessons
+    }
+
+    /// Tensions at the last rest, N; empty before the first.
+    #[must_use]
+    pub fn last_n(&self) -> &[f64] {
+        &self.last_n
+    }
+
+    /// The payload, if there is one.
+    #[must_use]
+    pub fn load(&self) -> Option<Load> {
+        self.tracker.load()
+    }
+
+    /// Takes a motion's samples into account: which way the cables went, and what loaded them.
+    pub fn moved(&mut self, samples: &[Measured]) {
+        let robot = self.described.robot();
+        for sample in samples {
+            if let Some(pulleys) = &mut self.pulleys {
+                pulleys.turn(robot, &sample.lengths_m, &sample.tensions_n);
+            }
+            for (sum, tension_n) in self.sums_n.iter_mut().zip(&sample.tensions_n) {
+                *sum += tension_n;
+            }
+            self.count += 1;
+        }
+    }
+
+    /// Takes a rest into account; `near` is about how the platform hangs. The plans' model follows it.
+    ///
+    /// # Errors
+    /// [`PlanError`] where the states leave no valid geometry; the model is that of before then.
+    pub fn rest(&mut self, rest: AtRest, near: &Pose) -> Result<Lesson, PlanError> {
+        let seconds = self.seconds_to(rest.now_us);
+        let mean_n = self.mean_n(&rest.tensions_n);
+        if seconds > 0.0 {
+            self.tracker.pass(seconds, &mean_n);
+        }
+        if std::mem::take(&mut self.homed) {
+            self.tracker.homed(&rest.lengths_m);
+        }
+        let robot = self.described.robot();
+        let by_encoders = || Pulleys::by_encoders(robot, &rest.lengths_m, &rest.tensions_n);
+        let pulleys = self.pulleys.get_or_insert_with(by_encoders);
+        pulleys.turn(robot, &rest.lengths_m, &rest.tensions_n);
+        let hauled = pulleys.hauled().to_vec();
+        let tags = rest.views.len();
+        let measured = Measurements {
+            lengths_m: rest.lengths_m,
+            tensions_n: rest.tensions_n,
+            views: rest.views,
+            places: rest.places,
+        };
+        let tool_m = |model: &Model| -> Option<nalgebra::Vector3<f64>> {
+            let at = model.rest_from_lengths(&measured.lengths_m, &measured.tensions_n);
+            at.ok().map(|at| model.tool_m(&at))
+        };
+        let before_m = tool_m(&self.planner);
+        let report = self.tracker.rest(&measured, &hauled, near);
+        self.planner = self.tracker.model(&self.described)?;
+        let after_m = tool_m(&self.planner);
+        let step_mm = before_m.zip(after_m).map_or(0.0, |(a, b)| (b - a).norm() * 1e3);
+        self.last_n.clone_from(&measured.tensions_n);
+        let at_s = self.lessons.last().map_or(0.0, |last| last.at_s);
+        let lesson = Lesson {
+            at_s: at_s + seconds,
+            fits: report.fits,
+            doubt: report.doubt,
+            tags,
+            step_mm,
+            named: report.named.map(|named| named.words()),
+            load_kg: self.tracker.load().map(|load| load.mass_kg),
+        };
+        self.lessons.push(lesson.clone());
+        Ok(lesson)
+    }
+
+    /// Seconds since the last rest, now taken into account.
+    fn seconds_to(&mut self, now_us: u64) -> f64 {
+        let last_us = self.last_us.replace(now_us).unwrap_or(now_us);
+        now_us.saturating_sub(last_us) as f64 * 1e-6
+    }
+
+    /// Mean of the tensions since the last rest, N: they make the cables creep. Without a motion those of now.
+    fn mean_n(&mut self, now_n: &[f64]) -> Vec<f64> {
+        let count = std::mem::take(&mut self.count);
+        let sums_n = std::mem::replace(&mut self.sums_n, vec![0.0; now_n.len()]);
+        if count == 0 {
+            return now_n.to_vec();
+        }
+        sums_n.iter().map(|sum| sum / f64::from(count)).collect()
+    }
+
+    /// The gripper took something: its mass and centre are estimated from the next rest on.
+    pub fn lift(&mut self) {
+        self.tracker.lift();
+    }
+
+    /// The gripper let go.
+    ///
+    /// # Errors
+    /// As [`Self::rest`].
+    pub fn set_down(&mut self) -> Result<(), PlanError> {
+        self.tracker.set_down();
+        self.planner = self.tracker.model(&self.described)?;
+        Ok(())
+    }
+}
