@@ -363,17 +363,29 @@ impl<'a> Experiment<'a> {
     ///
     /// # Errors
     /// As [`Self::run_on`]; also where the simulated robot cannot hang at home.
-    pub fn simulate(mut self, robot: &SimulatedRobot) -> Result<SimulatedRun, RunError> {
+    pub fn simulate(self, robot: &SimulatedRobot) -> Result<SimulatedRun, RunError> {
+        let link = robot.at_home(self.model)?;
+        self.simulate_on(&link, robot.seed)
+    }
+
+    /// Runs the task on a simulated robot that hangs at home.
+    ///
+    /// # Errors
+    /// As [`Self::run_on`].
+    pub(crate) fn simulate_on(
+        mut self,
+        link: &SimulatedLink,
+        seed: u64,
+    ) -> Result<SimulatedRun, RunError> {
         let began = Instant::now();
         let model = self.model;
-        let link = robot.at_home(model)?;
         self.session.get_or_insert(SessionId(1));
         let home = Homing::Place(model.robot().tool.home_in_world_m);
         self.homing.get_or_insert(home);
         if let Some(tracked) = &mut self.tracked
             && matches!(tracked.looking, Looking::Simulated)
         {
-            tracked.looking = Looking::By(simulated_eyes(model.robot(), &link, robot.seed));
+            tracked.looking = Looking::By(simulated_eyes(model.robot(), link, seed));
         }
         let scale = self.time_scale;
         let paced = |line: Box<dyn Link + 'a>| -> Box<dyn Link + 'a> {

@@ -33,7 +33,9 @@ pub(crate) enum TrackedError {
     #[error("{}: {source}", path.display())]
     #[diagnostic(
         code(mcdpr::track::state),
-        help("`mcdpr track --back-to N` goes back to an earlier state, `mcdpr track --forget` begins anew")
+        help(
+            "`mcdpr track --back-to N` goes back to an earlier state, `mcdpr track --forget` begins anew"
+        )
     )]
     State {
         /// Its file.
@@ -45,7 +47,9 @@ pub(crate) enum TrackedError {
     #[error("{}: it is not a tracked state: {what}", path.display())]
     #[diagnostic(
         code(mcdpr::track::file),
-        help("`mcdpr track --back-to N` goes back to an earlier state, `mcdpr track --forget` begins anew")
+        help(
+            "`mcdpr track --back-to N` goes back to an earlier state, `mcdpr track --forget` begins anew"
+        )
     )]
     NotOne {
         /// The file.
@@ -143,8 +147,7 @@ impl Store {
             path: self.file.clone(),
             what,
         };
-        let read: InUse =
-            serde_json::from_str(text).map_err(|error| not_one(error.to_string()))?;
+        let read: InUse = serde_json::from_str(text).map_err(|error| not_one(error.to_string()))?;
         if read.schema != FILE {
             return Err(not_one(format!("its format is {:?}", read.schema)));
         }

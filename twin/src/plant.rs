@@ -11,7 +11,8 @@ use mcdpr_core::robot::{Cable, DriveKind, Gear, Robot, Winch};
 use mcdpr_core::run::RunError;
 use mcdpr_simulator::plant::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, Plant, PlantError, PlantParams,
-    PlatformParams, Pose, Protocol, SensorDrift, TensionSensorParams, UnmodelledParams, WinchParams,
+    PlatformParams, Pose, Protocol, SensorDrift, TensionSensorParams, UnmodelledParams,
+    WinchParams,
 };
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;

@@ -70,9 +70,11 @@ pub(crate) fn residuals(
         *slot = 0.0;
     }
     let tensions = measured.tensions_n.iter().zip(rest.tensions_n());
-    out.extend(tensions.enumerate().map(|(cable, (seen, &said))| {
-        (seen - model.reading_n(cable, said)) / sigmas.tension_n
-    }));
+    out.extend(
+        tensions
+            .enumerate()
+            .map(|(cable, (seen, &said))| (seen - model.reading_n(cable, said)) / sigmas.tension_n),
+    );
     let camera = &model.robot().camera;
     // Turned about the tool, whose position is a separate unknown.
     let tool = &model.robot().tool.tcp_in_platform_m;

@@ -22,6 +22,8 @@ pub struct Model {
     options: PlanOptions,
     /// One per cable; none without entries.
     pub(super) drift: Vec<Drift>,
+    /// Whether plans let the board watch for contact (C5).
+    contact: bool,
 }
 
 /// The robot at rest with its tool at one position.
@@ -67,6 +69,7 @@ impl Model {
             holding,
             options: PlanOptions::default(),
             drift: Vec::new(),
+            contact: true,
         })
     }
 
@@ -106,6 +109,17 @@ impl Model {
     pub fn with_options(mut self, options: PlanOptions) -> Self {
         self.options = options;
         self
+    }
+
+    /// The same robot, with plans that do not let the board watch for contact (C5): a load is about to be dropped.
+    #[must_use]
+    pub const fn without_contact(mut self) -> Self {
+        self.contact = false;
+        self
+    }
+
+    pub(super) const fn watches_contact(&self) -> bool {
+        self.contact
     }
 
     /// The same robot with other limits of a motion.

@@ -147,7 +147,8 @@ fn rows(model: &Model, rest: &StaticState) -> List<ResidualRow, { ResidualRow::P
     let Some(closure) = closure else {
         return List::new();
     };
-    let both = [Some(closure), contact_row(model, rest)];
+    let contact = model.watches_contact().then(|| contact_row(model, rest));
+    let both = [Some(closure), contact.flatten()];
     List::collect(both.into_iter().flatten())
 }
 

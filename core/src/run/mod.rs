@@ -313,10 +313,15 @@ const LEAD_IN_MPS: f64 = 0.01;
 /// The move from where the board holds the cables to the start of a plan for a level platform,
 /// which differs because the platform does not hang level. `None` if there is no distance to move.
 pub(crate) fn lead_in(plan: &Plan, status: &Status, model: &Model) -> Option<Vec<Knot>> {
-    let wanted = plan
-        .knots
-        .first()
-        .filter(|_| model.options().planner == Planner::Level)?;
+    let level = model.options().planner == Planner::Level;
+    level.then(|| settling(plan, status, model)).flatten()
+}
+
+/// The move from where the board holds the cables to the start of a plan, up to 80 mm of cable: after a load has
+/// changed, the same place of the tool has other lengths. `None` if there is no distance to move, or too much.
+#[must_use]
+pub fn settling(plan: &Plan, status: &Status, model: &Model) -> Option<Vec<Knot>> {
+    let wanted = plan.knots.first()?;
     let mut far_m: f64 = 0.0;
     let mut from = wanted.clone();
     let mut to = wanted.clone();

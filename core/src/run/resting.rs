@@ -40,7 +40,10 @@ pub(super) fn measure<L: Link>(
             for view in sight.camera.look().map_err(RunError::Sight)? {
                 match corners.iter_mut().find(|seen| seen.sum.id == view.id) {
                     Some(seen) => seen.add(&view),
-                    None => corners.push(Corners { sum: view, count: 1.0 }),
+                    None => corners.push(Corners {
+                        sum: view,
+                        count: 1.0,
+                    }),
                 }
             }
         }

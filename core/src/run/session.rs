@@ -142,7 +142,11 @@ impl<'m, L: Link> Session<'m, L> {
     ///
     /// # Errors
     /// [`RunError::Plan`] if no resting pose fits the lengths by what was tracked.
-    pub fn track(&mut self, mut tracking: Tracking, kept_unix_s: Option<u64>) -> Result<(), RunError> {
+    pub fn track(
+        &mut self,
+        mut tracking: Tracking,
+        kept_unix_s: Option<u64>,
+    ) -> Result<(), RunError> {
         if let Some(kept_s) = kept_unix_s {
             if self.fresh {
                 tracking = tracking.anew();

@@ -203,7 +203,9 @@ impl Tracking {
         let report = self.tracker.rest(&measured, &hauled, near);
         self.planner = self.tracker.model(&self.described)?;
         let after_m = tool_m(&self.planner);
-        let step_mm = before_m.zip(after_m).map_or(0.0, |(a, b)| (b - a).norm() * 1e3);
+        let step_mm = before_m
+            .zip(after_m)
+            .map_or(0.0, |(a, b)| (b - a).norm() * 1e3);
         self.last_n.clone_from(&measured.tensions_n);
         let at_s = self.lessons.last().map_or(0.0, |last| last.at_s);
         let lesson = Lesson {

@@ -98,6 +98,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("study real", Computes),
     ("study robots", Computes),
     ("study tension", Refuses),
+    ("study track", Refuses),
     ("study tube", Refuses),
     ("study winch", Refuses),
     ("track", Judges),

@@ -138,10 +138,12 @@ impl Cmd {
                 .recorded_by(events)
                 .time_scale(time_scale)
                 .progress(|p| bar.update(p));
-            self.followed(experiment, tracked, looking, &rests).simulate(&robot).map(|simulated| {
-                let factor = simulated.realtime_factor();
-                (simulated.run, Some(factor))
-            })
+            self.followed(experiment, tracked, looking, &rests)
+                .simulate(&robot)
+                .map(|simulated| {
+                    let factor = simulated.realtime_factor();
+                    (simulated.run, Some(factor))
+                })
         } else {
             let experiment = self
                 .on_port(&model, task, hash)
@@ -153,7 +155,8 @@ impl Cmd {
                 .map_err(|error| crate::link::ClientError::from(error).into())
                 .and_then(|link| {
                     let line = Watched::new(link, events).with_orders(&handle);
-                    self.followed(experiment, tracked, looking, &rests).run_on(line)
+                    self.followed(experiment, tracked, looking, &rests)
+                        .run_on(line)
                 })
                 .map(|run| (run, None))
         };

@@ -37,7 +37,7 @@ pub(crate) enum Cables {
 }
 
 /// Lengths of a robot that was homed at a taught place contain the errors of its anchors there, m.
-const HOMED_M: f64 = 3e-4;
+pub(crate) const HOMED_M: f64 = 3e-4;
 /// Final creep of steel at the tension set-point, standard deviation, strain: a hundredth of the elastic stretch.
 const STEEL_CREEP: f64 = 1e-5;
 
@@ -53,7 +53,8 @@ impl Track {
     /// With the reason.
     pub(crate) fn check(&self, common: &Common, resumes: bool) -> Outcome {
         if self.track && resumes {
-            let reason = "an interrupted task is continued without it: run the next task with --track";
+            let reason =
+                "an interrupted task is continued without it: run the next task with --track";
             return Err(Failed::from_error("--track")(reason).into());
         }
         if common.on == "sim" {
@@ -258,9 +259,7 @@ impl Cmd {
                 say!("(-): nothing that was measured has told of it yet");
             }
             (Some(_), None, Some(refused)) => say!("the state in use does not apply: {refused}"),
-            _ => say!(
-                "nothing is tracked yet; `mcdpr run TASK --track --on PORT` begins it"
-            ),
+            _ => say!("nothing is tracked yet; `mcdpr run TASK --track --on PORT` begins it"),
         }
         for entry in &entries {
             let [rests, fitted] = entry.rests;
@@ -270,7 +269,11 @@ impl Cmd {
                 entry.date,
                 entry.cause,
                 entry.step_mm,
-                entry.named.iter().map(|n| format!("; {n}")).collect::<String>()
+                entry
+                    .named
+                    .iter()
+                    .map(|n| format!("; {n}"))
+                    .collect::<String>()
             );
         }
         for line in torn {
@@ -294,10 +297,18 @@ fn rows(state: &Estimates) -> Vec<Vec<String>> {
     let mut table = vec![head.map(str::to_owned).to_vec()];
     let cell = |known: &Known, factor: f64| {
         let mark = if known.observed { "" } else { " (-)" };
-        format!("{:+.2} +-{:.2}{mark}", known.value * factor, known.sigma * factor)
+        format!(
+            "{:+.2} +-{:.2}{mark}",
+            known.value * factor,
+            known.sigma * factor
+        )
     };
     for (number, cable) in (1..).zip(&state.cables) {
-        let anchor: Vec<_> = cable.anchor_m.iter().map(|known| cell(known, 1e3)).collect();
+        let anchor: Vec<_> = cable
+            .anchor_m
+            .iter()
+            .map(|known| cell(known, 1e3))
+            .collect();
         table.push(vec![
             i32::to_string(&number),
             anchor.join(", "),

@@ -11,10 +11,10 @@ use crate::recovery::{Journal, JournalError, load};
 use crate::report::PathPoint;
 use crate::robot::Robot;
 use crate::run::tracking::{AtRest, Tracking};
-use crate::run::{self, Halt, Measured, Recorder, ResumeError, RunError};
+use crate::run::{self, Measured, Recorder, ResumeError, RunError};
 use crate::sight::Shown;
 use mcdpr_core::estimate::track::{Load, Prior};
-use mcdpr_protocol::{ConfigHash, Knot, Request, SessionId, Status, StopKind};
+use mcdpr_protocol::{ConfigHash, Knot, Request, SessionId, Status};
 use nalgebra::{Isometry3, Vector3};
 
 /// An armed robot on a line.
@@ -29,6 +29,8 @@ pub struct Arm<L: Link> {
     planned: Vec<PathPoint>,
     began_us: u64,
     tracking: Option<Tracking>,
+    /// The load has changed since the last motion: the next plan's start may differ from what the board holds.
+    load_changed: bool,
 }
 
 /// Tensions are averaged over this time, s.
@@ -48,8 +50,11 @@ const FRAME_GAP_M: f64 = 0.012;
 const LEG_MAX_M: f64 = 0.1;
 /// Polling interval for a picture, us.
 const ASK_US: u64 = 4_000;
-/// Speed at which something is raised whose weight is unknown, m/s: a stop takes some hundredths of a millimetre.
-const CAREFUL_MPS: f64 = 0.01;
+/// A load heavier than this share of the platform with it is let go without a watch for contact: a tenth, where a
+/// fifth is a contact.
+const UNWATCHED_SHARE: f64 = 0.1;
+/// Length of the motion that ends the watch, m.
+const UNWATCHED_M: f64 = 1e-4;
 /// Shorter moves are skipped, m.
 const NO_WAY_M: f64 = 1e-6;
 
@@ -152,6 +157,7 @@ impl<L: Link> Arm<L> {
             planned: Vec::new(),
             began_us,
             tracking: None,
+            load_changed: false,
         })
     }
 
@@ -160,7 +166,7 @@ impl<L: Link> Arm<L> {
         self.tracking = Some(Tracking::new(&self.model, prior));
     }
 
-    /// The jaws hold something: its mass and centre are estimated from the next averaged tensions on.
+    /// What the jaws hold is in the air: its mass and centre are estimated from the next averaged tensions on.
     pub(crate) fn lifted(&mut self) {
         if let Some(tracking) = &mut self.tracking {
             tracking.lift();
@@ -262,7 +268,8 @@ impl<L: Link> Arm<L> {
     /// The first limit that would be broken.
     pub fn judge(&mut self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
         let at_m = self.tool_m;
-        let judged = self.meanwhile(|model| plan(&with_spare(model), at_m, points_m).map(|_| ()))?;
+        let judged =
+            self.meanwhile(|model| plan(&with_spare(model), at_m, points_m).map(|_| ()))?;
         Ok(judged?)
     }
 
@@ -313,10 +320,22 @@ impl<L: Link> Arm<L> {
 
     fn go_at_once(&mut self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
         let at_m = self.tool_m;
-        let Some(plan) = self.meanwhile(|model| plan(model, at_m, points_m))?? else {
+        let plan = self.meanwhile(|model| plan(model, at_m, points_m))??;
+        self.follow(plan, points_m)
+    }
+
+    /// Follows a plan that ends at the last of some points; there is none if there is no way.
+    fn follow(&mut self, plan: Option<Plan>, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
+        let Some(plan) = plan else {
             return Ok(());
         };
-        let status = run::status(&mut self.client)?;
+        let mut status = run::status(&mut self.client)?;
+        if std::mem::take(&mut self.load_changed)
+            && let Some(way) = run::settling(&plan, &status, &self.model)
+        {
+            run::follow(&mut self.client, &way, &mut Recorder::default(), |_| {})?;
+            status = run::status(&mut self.client)?;
+        }
         let mut knots = run::joined_to(&plan, &status, &self.model)?;
         self.close_at_rest(&mut knots, &status);
         self.client.note(Note::Plan(&plan));
@@ -378,61 +397,6 @@ impl<L: Link> Arm<L> {
         }
     }
 
-    /// Raises the tool slowly, until the height is reached or a tension comes within [`SPARE_N`] of its limit:
-    /// `false` then. The robot holds where it is, and `tool_m` says where.
-    ///
-    /// # Errors
-    /// As [`Arm::go`].
-    pub(crate) fn raise_carefully(&mut self, by_m: f64) -> Result<bool, PickError> {
-        let at_m = self.tool_m;
-        let up_m = at_m + Vector3::new(0.0, 0.0, by_m);
-        let raise = |model: &Model| {
-            let step = Step::Move {
-                path: Path::through(&[at_m, up_m])?,
-                duration_s: None,
-                speed_mps: Some(CAREFUL_MPS),
-            };
-            Plan::new(model, &at_m, &[step])
-        };
-        let plan = self.meanwhile(raise)??;
-        let status = run::status(&mut self.client)?;
-        let mut knots = run::joined_to(&plan, &status, &self.model)?;
-        self.close_at_rest(&mut knots, &status);
-        self.client.note(Note::Plan(&plan));
-        let most_n = self.model.robot().limits.tension_max_n - SPARE_N;
-        let watch = |recorder: &Recorder| {
-            let last = recorder.samples.last()?;
-            last.tensions_n.iter().any(|n| *n > most_n).then(|| Halt {
-                kind: StopKind::Hold,
-                reason: "a tension comes near its limit".to_owned(),
-            })
-        };
-        let mut recorder = Recorder::default();
-        let halted = run::follow_watched(&mut self.client, &knots, &mut recorder, watch)?;
-        if let Some(tracking) = &mut self.tracking {
-            tracking.moved(&recorder.samples);
-        }
-        self.tool_m = up_m;
-        if halted.is_some() {
-            let status = run::status(&mut self.client)?;
-            let held: Vec<f64> = status.setpoints_m().collect();
-            let first: Vec<f64> = knots.first().map_or_else(Vec::new, |knot| {
-                knot.cables.iter().map(|cable| cable.length.metres()).collect()
-            });
-            // The way is short and straight: the share of it that the length-held cables have gone.
-            let whole: Vec<f64> = knots.last().map_or_else(Vec::new, |knot| {
-                knot.cables.iter().map(|cable| cable.length.metres()).collect()
-            });
-            let held_by = self.model.holding().by_length();
-            let gone = |of: &[f64]| -> f64 {
-                held_by.iter().map(|&i| (of[i] - first[i]).abs()).sum()
-            };
-            let share = gone(&held) / gone(&whole).max(1e-9);
-            self.tool_m = at_m + (up_m - at_m) * share.clamp(0.0, 1.0);
-        }
-        Ok(halted.is_none())
-    }
-
     /// Whether the robot could move along these points with a load of `load_n` at its tool, with every tension
     /// within its limits and a margin: judged, not executed.
     ///
@@ -443,10 +407,10 @@ impl<L: Link> Arm<L> {
         load_n: f64,
         points_m: &[Vector3<f64>],
     ) -> Result<bool, PickError> {
-        let at_m = self.tool_m;
+        let (at_m, carried_kg) = (self.tool_m, self.carried_kg);
         self.meanwhile(|model| {
-            let mass_kg = (load_n / mcdpr_kinematics::GRAVITY_MPS2).max(0.0);
-            let Ok(model) = load::loaded(&with_spare(model), mass_kg) else {
+            let more_kg = (load_n / mcdpr_kinematics::GRAVITY_MPS2 - carried_kg).max(0.0);
+            let Ok(model) = load::loaded(&with_spare(model), more_kg) else {
                 return false;
             };
             plan(&model, at_m, points_m).is_ok()
@@ -490,6 +454,24 @@ impl<L: Link> Arm<L> {
         let close_s = self.model.robot().gripper.close_s;
         self.wait(close_s + 0.15)?;
         Ok(run::status(&mut self.client)?.gripper_switch)
+    }
+
+    /// Opens the jaws over the release position. The cables lose the load at once: where that is so much that the
+    /// board would take it for a contact (C5), it does not watch for one meanwhile.
+    ///
+    /// # Errors
+    /// The line's.
+    pub(crate) fn let_go(&mut self) -> Result<(), PickError> {
+        let carried_kg = self.load().map_or(self.carried_kg, |load| load.mass_kg);
+        if carried_kg > UNWATCHED_SHARE * self.model.robot().platform.mass_kg {
+            // What a hold watches for comes from the last motion's end.
+            let (model, at_m) = (self.model.clone().without_contact(), self.tool_m);
+            let up_m = at_m + Vector3::new(0.0, 0.0, UNWATCHED_M);
+            let there = self.meanwhile(|_| plan(&model, at_m, &[up_m]))??;
+            self.follow(there, &[up_m])?;
+        }
+        self.grip(false)?;
+        Ok(())
     }
 
     /// Whether the gripper is commanded closed.
@@ -551,7 +533,9 @@ impl<L: Link> Arm<L> {
         let Some(tracking) = &mut self.tracking else {
             return Ok(());
         };
-        let near = tracking.model().rest_from_lengths(&lengths_m, &tensions_n)?;
+        let near = tracking
+            .model()
+            .rest_from_lengths(&lengths_m, &tensions_n)?;
         let rest = AtRest {
             now_us: self.client.now_us(),
             lengths_m,
@@ -571,6 +555,8 @@ impl<L: Link> Arm<L> {
             return Ok(());
         };
         self.model = tracking.model().clone();
+        self.carried_kg = 0.0;
+        self.load_changed = true;
         let status = run::status(&mut self.client)?;
         let held: Vec<f64> = status.setpoints_m().collect();
         let rest = self.meanwhile(|model| model.rest_from_lengths(&held, &tensions(&status)))??;
@@ -603,9 +589,15 @@ impl<L: Link> Arm<L> {
             if tracking.load().is_some() {
                 return Ok(());
             }
-            tracking.set_down()?;
-            self.follow_tracking()?;
         }
+        self.expect_load(mass_kg)
+    }
+
+    /// Plans from now on with this mass at the tool, kg, in place of the one before.
+    ///
+    /// # Errors
+    /// If the robot cannot hang with it at its present position.
+    pub(crate) fn expect_load(&mut self, mass_kg: f64) -> Result<(), PickError> {
         let mut robot: Robot = self.model.robot().clone();
         let bare_kg = robot.platform.mass_kg - self.carried_kg;
         let tcp = robot.tool.tcp_in_platform_m;
@@ -619,8 +611,11 @@ impl<L: Link> Arm<L> {
         robot.platform.center_of_mass_m =
             (bare_center * bare_kg + tcp * mass_kg) / robot.platform.mass_kg;
         self.carried_kg = mass_kg;
+        self.load_changed = true;
         let drift = self.model.drift().to_vec();
-        self.model = Model::new(&robot)?.with_options(self.model.options()).with_drift(&drift);
+        self.model = Model::new(&robot)?
+            .with_options(self.model.options())
+            .with_drift(&drift);
         // Tool position with that load at the lengths that the board holds.
         let status = run::status(&mut self.client)?;
         let held: Vec<f64> = status.setpoints_m().collect();

@@ -100,9 +100,16 @@ const AGAIN_M: f64 = 0.025;
 const WEIGHT_MIN_N: f64 = 0.05;
 /// A lifted weight beyond this is not plausible, N.
 const WEIGHT_MAX_N: f64 = 8.0;
-/// What the jaws hold is raised by this before it is known whether the robot can carry it, m.
-const TRIAL_M: f64 = 2e-3;
-/// Readings of the tensions for that.
+/// What the jaws hold is taken up in steps from this to that length, m, of about so much weight, N. Stiff cables take 2
+/// to 4 N more with each of the short ones; a platform that tilts gives way ten times as far.
+const TAKE_UP_M: f64 = 1e-4;
+const TAKE_UP_LONG_M: f64 = 5e-4;
+const TAKE_UP_N: f64 = 1.5;
+/// Most of these steps.
+const TAKE_UP_STEPS: usize = 40;
+/// A long step that adds less weight than this adds none, N; two of them end it.
+const TAKEN_UP_N: f64 = 0.2;
+/// Readings of the tensions after each.
 const TRIAL_READINGS: u32 = 3;
 /// Motion up and down by this before weighing, m: beyond the pulleys' presliding.
 const OVERSHOOT_M: f64 = 0.01;
@@ -371,7 +378,6 @@ impl<'a, L: Link> Picker<'a, L> {
         let left_m = self.reach(&at, TRIES)?;
         let budget = self.options.uncertainty.budget(&self.measuring(choice));
         let bare_n = self.arm.tensions_over(TRIAL_READINGS)?;
-        let grasp_m = self.arm.tool_m();
         watcher.closing(choice);
         self.begins(Phase::Closing);
         let met = self.arm.grip(true)?;
@@ -380,10 +386,9 @@ impl<'a, L: Link> Picker<'a, L> {
         let (mut lifted_n, mut load) = (None, None);
         let outcome = if has_switch && met {
             Outcome::Missed
-        } else if let Some(load_n) = self.too_heavy(&bare_n, above + up)? {
+        } else if let Err(load_n) = self.take_up(&bare_n, above + up)? {
             self.tell(&News::Weighed { weight_n: load_n });
             lifted_n = Some(load_n);
-            self.arm.go(&[grasp_m])?;
             Outcome::TooHeavy
         } else {
             // Down to the height of the first weighing, in the same direction: friction is the same
@@ -411,7 +416,8 @@ impl<'a, L: Link> Picker<'a, L> {
             self.deliver(lifted_n.unwrap_or(0.0))?
         } else {
             self.begins(Phase::Returning);
-            self.arm.grip(false)?;
+            self.arm.let_go()?;
+            self.arm.expect_load(0.0)?;
             self.arm.go(&[above])?;
             outcome
         };
@@ -456,19 +462,44 @@ impl<'a, L: Link> Picker<'a, L> {
         }
     }
 
-    /// Raises what the jaws hold by [`TRIAL_M`], and weighs it; returns the weight, N, if the robot cannot carry it
-    /// to the release position. `bare_n` are the tensions without it.
-    fn too_heavy(
+    /// Takes up what the jaws hold, little by little, until its whole weight hangs on the cables; plans expect it
+    /// then. `Err` is the weight, N, at which it is clear that the robot cannot carry it to the release position:
+    /// it still lies where it lay. `bare_n` are the tensions without it, `above` is where it is lifted to first.
+    fn take_up(
         &mut self,
         bare_n: &[f64],
         above: Vector3<f64>,
-    ) -> Result<Option<f64>, PickError> {
-        let within = self.arm.raise_carefully(TRIAL_M)?;
-        let now_n = self.arm.tensions_over(TRIAL_READINGS)?;
-        let load_n = self.arm.lift_n(bare_n, &now_n)?;
-        let [over, release] = self.way_out(above.z);
-        let can = within && self.arm.could_carry(load_n, &[above, over, release])?;
-        Ok((!can).then_some(load_n))
+    ) -> Result<Result<(), f64>, PickError> {
+        let (mut hangs_n, mut step_m, mut still) = (0.0, 0.0, 0);
+        for _ in 0..TAKE_UP_STEPS {
+            let now_n = self.arm.tensions_over(TRIAL_READINGS)?;
+            let load_n = self.arm.lift_n(bare_n, &now_n)?.max(0.0);
+            let [over, release] = self.way_out(above.z);
+            if !self.arm.could_carry(load_n, &[above, over, release])? {
+                return Ok(Err(load_n));
+            }
+            // The board compares the tensions with the plan's: a load that no plan expects looks like a contact.
+            self.arm
+                .expect_load(load_n / mcdpr_kinematics::GRAVITY_MPS2)?;
+            let more_n = load_n - hangs_n;
+            still = if step_m >= TAKE_UP_LONG_M && more_n < TAKEN_UP_N {
+                still + 1
+            } else {
+                0
+            };
+            if still == 2 {
+                return Ok(Ok(()));
+            }
+            // Longer steps where the cables give way: no step may look like a contact.
+            let by_slope_m = step_m * TAKE_UP_N / more_n.max(1e-3);
+            step_m = by_slope_m
+                .min(2.0 * step_m)
+                .clamp(TAKE_UP_M, TAKE_UP_LONG_M);
+            hangs_n = load_n;
+            let up_m = self.arm.tool_m() + Vector3::new(0.0, 0.0, step_m);
+            self.arm.go(&[up_m])?;
+        }
+        Ok(Ok(()))
     }
 
     /// The way to the release position: across at `height_m` at least, then down.
@@ -493,7 +524,7 @@ impl<'a, L: Link> Picker<'a, L> {
         // A switch that closes during the move indicates that the jaws are empty now.
         let lost = self.arm.grip(true)? && self.arm.model().robot().gripper.switch;
         self.begins(Phase::Releasing);
-        self.arm.grip(false)?;
+        self.arm.let_go()?;
         self.arm.carry(0.0)?;
         self.arm.go(&[over])?;
         Ok(if lost {

@@ -29,6 +29,9 @@ pub struct Rgbd {
     pub stereo: Stereo,
 }
 
+/// Stiffness of what an object lies on and of the pads that hold it, in series, N/m; assumption: rubber pads of a
+/// square centimetre and some millimetres have 10 to 50 N/mm.
+const GROUND_N_PER_M: f64 = 2e4;
 /// Position of removed bodies: out of sight, m.
 const FAR_BELOW_M: f64 = 10.0;
 
@@ -60,6 +63,9 @@ pub struct Cell {
     closed_since_s: Option<f64>,
     judged: bool,
     held: Option<(usize, Frame)>,
+    /// Height at which the held object still lies on its ground, and the point of the platform that carries it;
+    /// `None` once it hangs.
+    lies: Option<(f64, [f64; 3])>,
     carried_off: Vec<String>,
     log: Vec<CellEvent>,
 }
@@ -78,6 +84,7 @@ impl Cell {
             closed_since_s: None,
             judged: false,
             held: None,
+            lies: None,
             carried_off: Vec::new(),
             log: Vec::new(),
         }
@@ -143,6 +150,7 @@ impl Cell {
             return Ok(());
         }
         let since_s = *self.closed_since_s.get_or_insert(now_s);
+        self.take_up(plant)?;
         // Judged once, when the jaws have had their time: later motion does not change the grip.
         if self.judged || now_s - since_s < self.gripper.close_s {
             return Ok(());
@@ -160,11 +168,10 @@ impl Cell {
                 *value += shift;
             }
             self.held = Some((body, tool.inverse().then(place)));
-            let body = &self.scene.bodies[body];
-            let point =
-                Frame::from(plant.truth()?.pose).point_inside(body.world_from_body.position_m);
-            // The object hangs on the platform by its centre of mass: cables and drives feel it.
-            plant.set_load([0.0, 0.0, -9.81 * body.mass_kg], point, [0.0; 3])?;
+            let at_m = self.scene.bodies[body].world_from_body.position_m;
+            let point = Frame::from(plant.truth()?.pose).point_inside(at_m);
+            // Its ground carries it until it is lifted.
+            self.lies = Some((at_m[2], point));
         }
         // The switch reports that the jaws met each other.
         plant.set_gripper_switch(!matches!(grip, Grip::Held { .. }));
@@ -176,10 +183,27 @@ impl Cell {
         Ok(())
     }
 
+    /// The held object leaves its ground as it is lifted: until then a part of its weight rests there. By and by it
+    /// hangs on the platform by its centre of mass: cables and drives feel it.
+    fn take_up(&mut self, plant: &mut Plant) -> Result<(), PlantError> {
+        let (Some((index, _)), Some((ground_m, point))) = (self.held, self.lies) else {
+            return Ok(());
+        };
+        let weight_n = 9.81 * self.scene.bodies[index].mass_kg;
+        let height_m = Frame::from(plant.truth()?.pose).point(point)[2];
+        // Pressed down, it pushes back, as hard as the pads hold.
+        let taken_n = (GROUND_N_PER_M * (height_m - ground_m)).clamp(-weight_n, weight_n);
+        if taken_n >= weight_n {
+            self.lies = None;
+        }
+        plant.set_load([0.0, 0.0, -taken_n], point, [0.0; 3])
+    }
+
     fn release(&mut self, plant: &mut Plant) -> Result<(), PlantError> {
         let Some((index, tool_from_body)) = self.held.take() else {
             return Ok(());
         };
+        self.lies = None;
         plant.set_load([0.0; 3], [0.0; 3], [0.0; 3])?;
         let tool = self.world_from_tool(&plant.truth()?.pose.into());
         let mut body = self.scene.bodies[index].clone();

@@ -58,7 +58,11 @@ pub use drive::{DriveCommand, Mode};
 pub use error::PlantError;
 pub use faults::{BrakeFault, CableFaults, DriveFault, EncoderFault, Faults, TensionFault};
 pub use foreign::{Foreign, Hanging};
-pub use params::{BrakeParams, BusParams, CableParams, DriveParams, GearParams, MAX_CABLES, PlantParams, PlatformParams, Protocol, SensorDrift, TensionSensorParams, UnmodelledParams, WinchParams, box_inertia_kg_m2};
+pub use params::{
+    BrakeParams, BusParams, CableParams, DriveParams, GearParams, MAX_CABLES, PlantParams,
+    PlatformParams, Protocol, SensorDrift, TensionSensorParams, UnmodelledParams, WinchParams,
+    box_inertia_kg_m2,
+};
 pub use platform::Pose;
 pub use sensors::Sensors;
 pub use slow::{Creep, Payload, SlowParams, Voigt, Warming};

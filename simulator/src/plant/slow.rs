@@ -135,6 +135,8 @@ pub(super) struct Slow {
     seconds: f64,
     /// Anchors at the reference temperature, world (m).
     anchors_m: Vec<V3>,
+    /// An anchor that moves: which, world (m/s), and for how long yet (s).
+    moving: Option<(usize, V3, f64)>,
     /// The platform without payload.
     platform: PlatformParams,
 }
@@ -147,6 +149,7 @@ impl Slow {
             warmer_cable_k: 0.0,
             warmer_frame_k: 0.0,
             seconds: 0.0,
+            moving: None,
             anchors_m: params.cables.iter().map(|c| c.anchor_m).collect(),
             platform: params.platform.clone(),
         }
@@ -155,7 +158,7 @@ impl Slow {
     #[inline(always)]
     pub(super) fn due(&self, steps: u64) -> bool {
         let changes = !self.params.creep.is_empty() || self.params.warming.rise_k != 0.0;
-        changes && steps.is_multiple_of(EVERY)
+        (changes || self.moving.is_some()) && steps.is_multiple_of(EVERY)
     }
 
     /// Creep of a cable (strain, no unit).
@@ -166,6 +169,11 @@ impl Slow {
     /// Lets time pass under the cables' present tensions. Exact for a constant tension.
     pub(super) fn pass(&mut self, cables: &mut [Cable], seconds: f64) {
         self.seconds += seconds;
+        if let Some((cable, speed, left_s)) = self.moving {
+            let now_s = left_s.min(seconds);
+            self.anchors_m[cable] = axpy(self.anchors_m[cable], now_s, speed);
+            self.moving = (left_s > now_s).then_some((cable, speed, left_s - now_s));
+        }
         for ((cable, strains), creep) in cables
             .iter_mut()
             .zip(&mut self.strains)
@@ -299,6 +307,32 @@ impl Plant {
             });
         }
         self.slow.knock(&mut self.cables, cable, by_m);
+        Ok(())
+    }
+
+    /// Moves an anchor by `by_m` (world) within `seconds`: somebody leans on it. A second one replaces what is left
+    /// of the first.
+    ///
+    /// # Errors
+    /// As [`Plant::knock_anchor`]; [`PlantError::CableParameter`] unless it takes 0.01 to 1000 s.
+    pub fn push_anchor(
+        &mut self,
+        cable: usize,
+        by_m: [f64; 3],
+        seconds: f64,
+    ) -> Result<(), PlantError> {
+        self.known(cable)?;
+        let numbers = by_m.into_iter().find(|v| !v.is_finite());
+        let time = (!(0.01..=1000.0).contains(&seconds)).then_some(seconds);
+        if let Some(value) = numbers.or(time) {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "push",
+                value,
+                rule: "finite, within 0.01 to 1000 s",
+            });
+        }
+        self.slow.moving = Some((cable, scale(by_m, 1.0 / seconds), seconds));
         Ok(())
     }
 

@@ -195,9 +195,17 @@ impl WinchParams {
             ("tension zero_v", sensor.zero_v, Rule::UpTo(3.3, "0 to 3.3")),
             ("tension noise_n", sensor.noise_n, NotNegative),
             ("tension max_n", sensor.max_n, Positive),
-            ("tension drift steady_n", sensor.drift.steady_n, Rule::Finite),
+            (
+                "tension drift steady_n",
+                sensor.drift.steady_n,
+                Rule::Finite,
+            ),
             ("tension drift wave_n", sensor.drift.wave_n, Rule::Finite),
-            ("tension drift phase_rad", sensor.drift.phase_rad, Rule::Finite),
+            (
+                "tension drift phase_rad",
+                sensor.drift.phase_rad,
+                Rule::Finite,
+            ),
         ] {
             require_of(cable, name, value, rule)?;
         }

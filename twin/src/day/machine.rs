@@ -4,9 +4,7 @@ use crate::plant::{AfterHours, Mismatch, plant_params};
 use mcdpr_core::random::Random;
 use mcdpr_core::robot::{Robot, Tag, TagPlace};
 use mcdpr_core::sight::TagView;
-use mcdpr_simulator::plant::{
-    DayHold, DayPlant, DayState, Payload, PlantError, Pose, SensorDrift,
-};
+use mcdpr_simulator::plant::{DayHold, DayPlant, DayState, Payload, PlantError, Pose, SensorDrift};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Noise of a corner, mean of the pictures of one look, px: 0.1 px in thirty pictures leave 0.02, and

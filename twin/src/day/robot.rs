@@ -123,7 +123,8 @@ impl Side {
     fn rubbed(&self, planned_m: &[f64], tensions_n: &[f64]) -> Vec<f64> {
         let pairs = planned_m.iter().zip(&self.unplanned_m);
         let paid_out_m: Vec<f64> = pairs.map(|(planned, more)| planned + more).collect();
-        self.pulleys.after(self.model.robot(), &paid_out_m, tensions_n)
+        self.pulleys
+            .after(self.model.robot(), &paid_out_m, tensions_n)
     }
 
     /// Time passes in the planned state.

@@ -109,7 +109,8 @@ impl Tracker {
             let strain = self.now.mean[layout.creep(i, 0)] + self.now.mean[layout.creep(i, 1)];
             // With this offset the creep of now changes no length.
             let offset_m = -strain * (length_m + routing_m);
-            self.now.reset(layout.offset(i), offset_m, self.prior.length_m);
+            self.now
+                .reset(layout.offset(i), offset_m, self.prior.length_m);
             self.planned[layout.offset(i)] = offset_m;
             for element in 0..2 {
                 let state = layout.creep(i, element);

@@ -134,7 +134,12 @@ impl Tracker {
         if numbers.chain(&kept.covariance).any(|x| !x.is_finite()) {
             return damaged("it has a number that is not finite");
         }
-        if kept.covariance.iter().step_by(size + 1).any(|v| *v < -1e-12) {
+        if kept
+            .covariance
+            .iter()
+            .step_by(size + 1)
+            .any(|v| *v < -1e-12)
+        {
             return damaged("it has a negative variance");
         }
         tracker.now = Gaussian {
@@ -248,7 +253,10 @@ mod tests {
         };
         for (i, length_m) in measured.lengths_m.iter().enumerate() {
             assert!(planner.drift()[i].strain > 1e-4, "{:?}", planner.drift()[i]);
-            let (now, then) = (planner.taut_m(i, *length_m, 12.0), model.taut_m(i, *length_m, 12.0));
+            let (now, then) = (
+                planner.taut_m(i, *length_m, 12.0),
+                model.taut_m(i, *length_m, 12.0),
+            );
             assert!((now - then).abs() < 2e-6, "cable {}: {now} {then}", i + 1);
         }
     }

@@ -20,15 +20,15 @@ use super::Measurements;
 use super::region::chi2_quantile;
 use crate::motion::{Drift, Model, PlanError, StaticState};
 use crate::robot::Robot;
-use gaussian::{Fit, Gaussian};
 pub use estimates::{CableEstimate, Estimates, Known};
+use gaussian::{Fit, Gaussian};
 pub use kept::{Kept, KeptError};
 use knock::{Hypothesis, Pending};
 pub use knock::{Moved, Named};
 use layout::Layout;
-pub use pulleys::Pulleys;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Matrix3, Vector3};
+pub use pulleys::Pulleys;
 pub use rows::RowSigmas;
 use rows::{Hanging, Rest, vector};
 

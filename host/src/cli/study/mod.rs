@@ -8,6 +8,7 @@ mod power;
 mod real;
 mod robots;
 mod tension;
+mod track;
 mod tube;
 mod winch;
 
@@ -30,6 +31,7 @@ enum Which {
     Real(real::Cmd),
     Robots(robots::Cmd),
     Tension(tension::Cmd),
+    Track(track::Cmd),
     Tube(tube::Cmd),
     Winch(winch::Cmd),
 }
@@ -49,6 +51,7 @@ impl Cmd {
             Which::Real(cmd) => cmd.run(common),
             Which::Robots(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
+            Which::Track(cmd) => cmd.run(common),
             Which::Tube(cmd) => cmd.run(common),
             Which::Winch(cmd) => cmd.run(common),
         }

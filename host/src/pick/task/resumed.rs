@@ -52,7 +52,7 @@ impl<L: Link> Picker<'_, L> {
             return Err(PickError::Jaws { weight_n });
         }
         let (jaws, outcome) = if switch && met {
-            self.arm.grip(false)?;
+            self.arm.let_go()?;
             self.come_up()?;
             (Jaws::Empty, None)
         } else {

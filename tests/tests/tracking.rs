@@ -1,0 +1,288 @@
+//! A robot that tracks its slow changes while it works: on the simulator whose cables creep, behind a port with its
+//! state kept in files, with loads in its jaws, and what is refused.
+
+use mcdpr::pick::study::{self, Knowledge, Wanted};
+use mcdpr::pick::{End, Outcome};
+use mcdpr::robot::Robot;
+use mcdpr_simulator::camera::Order;
+use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::{Folder, Simulator};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Output, Stdio};
+
+fn call(arguments: &[&str], state: &Path) -> Output {
+    mcdpr()
+        .args(arguments)
+        .env("XDG_STATE_HOME", state)
+        .current_dir(state)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+/// The document of a command that must succeed.
+fn document(arguments: &[&str], state: &Path) -> Value {
+    let output = call(&[arguments, &["--json"]].concat(), state);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"))
+}
+
+/// The words of a command that must be refused.
+fn refused(arguments: &[&str], state: &Path) -> String {
+    let output = call(arguments, state);
+    assert!(!output.status.success(), "{arguments:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn mean_mm(lap: &Value) -> f64 {
+    lap["path_error_m"]["mean"].as_f64().unwrap() * 1e3
+}
+
+#[test]
+fn a_tracked_robot_keeps_its_place_while_its_cables_creep() {
+    let folder = Folder::new("tracking");
+    let laps = |seed: &str, more: &[&str]| -> Vec<f64> {
+        let words = [
+            "run",
+            "paper:table7",
+            "--robot",
+            "lab-fast",
+            "--machine",
+            "after-hours",
+            "--laps",
+            "12",
+            "--seed",
+            seed,
+        ];
+        let done = document(&[&words[..], more].concat(), folder.path());
+        let laps = done["laps"].as_array().unwrap();
+        assert_eq!(laps.len(), 12);
+        laps.iter().map(mean_mm).collect()
+    };
+    // Seeds that no constant was chosen on.
+    for seed in ["5001", "5002"] {
+        let untracked = laps(seed, &[]);
+        let blind = laps(seed, &["--track"]);
+        let seeing = laps(seed, &["--track", "--look"]);
+        // Two and a half minutes of the fast creep: 0.3 % of 1.3 m, 40 % of it with a time of 5 min.
+        assert!(untracked[11] > 1.5, "{untracked:?}");
+        for tracked in [blind, seeing] {
+            assert!(tracked[11] < 0.45, "{tracked:?}");
+            assert!(tracked[11] < 0.25 * untracked[11], "{tracked:?}");
+        }
+    }
+}
+
+#[test]
+fn an_anchor_that_is_knocked_is_named_and_followed() {
+    let folder = Folder::new("knock");
+    let words = [
+        "study",
+        "track",
+        "--robot",
+        "lab-fast",
+        "--task",
+        "paper:table7",
+        "--laps",
+        "8",
+        "--knock-mm",
+        "3",
+        "--seeds",
+        "8",
+        "--seed",
+        "6001",
+    ];
+    let study = document(&words, folder.path());
+    let rests = &study["tracked"]["rests"];
+    assert_eq!(rests["knocks"], 8);
+    assert_eq!(rests["named_wrongly"], 0, "{rests}");
+    assert_eq!(rests["named_without_a_knock"], 0, "{rests}");
+    // Within two rests. A knock across a cable changes its length little: not every one shows.
+    assert!(rests["named_within_two"].as_u64().unwrap() >= 4, "{rests}");
+}
+
+#[test]
+fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
+    let folder = Folder::new("tracked-port");
+    let robot = ["--robot", "lab-fast", "--machine", "after-hours"];
+    let simulator = Simulator::start_with("10", &robot);
+    let on = |words: &[&str]| {
+        let port = [
+            "--robot",
+            "lab-fast",
+            "--time-scale",
+            "10",
+            "--on",
+            &simulator.port,
+        ];
+        document(&[words, &port].concat(), folder.path())
+    };
+    let track = |more: &[&str]| {
+        document(
+            &[&["track", "--robot", "lab-fast"], more].concat(),
+            folder.path(),
+        )
+    };
+    assert!(track(&[])["state"].is_null());
+    let first = on(&["run", "fitting", "--track"]);
+    assert_eq!(first["rests"].as_array().unwrap().len(), 2);
+    let kept = track(&[]);
+    assert_eq!(kept["entries"].as_array().unwrap().len(), 1);
+    let strain = |track: &Value, cable: usize| {
+        track["state"]["cables"][cable]["strain"]["value"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(strain(&kept, 0) > 0.0, "{kept}");
+    // No camera has looked: nothing can tell where the camera is on its bracket.
+    assert_eq!(kept["state"]["camera_m"][0]["observed"], false);
+    // A second program goes on from there: less is new to it than to the first.
+    let second = on(&["run", "fitting", "--track", "--laps", "2"]);
+    let doubt = |run: &Value| run["rests"][0]["doubt"].as_f64().unwrap();
+    assert!(second["rests"][0]["fits"].as_bool().unwrap(), "{second}");
+    assert!(
+        doubt(&second) < doubt(&first),
+        "{} {}",
+        doubt(&second),
+        doubt(&first)
+    );
+    let later = track(&[]);
+    assert_eq!(later["entries"].as_array().unwrap().len(), 2);
+    assert!(strain(&later, 0) > strain(&kept, 0));
+    // Back to the first, which keeps the second.
+    let back = track(&["--back-to", "1"]);
+    assert_eq!(back["state"]["cables"], kept["state"]["cables"]);
+    assert_eq!(back["entries"].as_array().unwrap().len(), 3);
+    let words = refused(
+        &["track", "--robot", "lab-fast", "--back-to", "9"],
+        folder.path(),
+    );
+    assert!(words.contains("has no entry 9"), "{words}");
+    // A state of another robot, and one that is damaged: refused, and kept as they are.
+    let file = folder.path().join("lab-fast.tracked.json");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let port = &simulator.port;
+    let run = [
+        "run",
+        "fitting",
+        "--track",
+        "--robot",
+        "lab-fast",
+        "--time-scale",
+        "10",
+        "--on",
+        port,
+    ];
+    for (spoilt, says) in [
+        (
+            text.replace("lab-fast", "lab-slow"),
+            "of robot lab-slow, this is lab-fast",
+        ),
+        (
+            text.replacen("\"mean\":[", "\"mean\":[1e999,", 1),
+            "not a tracked state",
+        ),
+        (
+            text.replacen("\"mean\":[", "\"mean\":[1.0,", 1),
+            "number of states",
+        ),
+    ] {
+        std::fs::write(&file, &spoilt).unwrap();
+        let words = refused(&run, folder.path());
+        assert!(words.replace("\n  │ ", " ").contains(says), "{words}");
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), spoilt);
+    }
+    // Begun anew; the history stays.
+    let anew = track(&["--forget"]);
+    assert!(anew["state"].is_null() && !file.exists());
+    assert!(anew["entries"].as_array().unwrap().len() >= 3);
+}
+
+#[test]
+fn options_that_do_not_fit_are_refused() {
+    let folder = Folder::new("tracked-refused");
+    let refuse = |words: &[&str]| refused(words, folder.path());
+    assert!(refuse(&["run", "fitting", "--look"]).contains("--track"));
+    let words = [
+        "run",
+        "fitting",
+        "--track",
+        "--look",
+        "--robot",
+        "lab-direct",
+    ];
+    assert!(refuse(&words).contains("this robot file has no tags"));
+    let words = [
+        "run",
+        "fitting",
+        "--track",
+        "--camera",
+        "folder:here",
+        "--robot",
+        "lab-fast",
+    ];
+    assert!(refuse(&words).contains("has its own camera"));
+    assert!(refuse(&["run", "fitting", "--laps", "0"]).contains("--laps"));
+}
+
+fn wanted(heavier: f64, tracked: bool) -> Wanted {
+    Wanted {
+        order: Order::Separate,
+        count: 3,
+        knowledge: Knowledge::Exact,
+        seed: 3,
+        turns: true,
+        attempts_max: Some(4),
+        views: 1,
+        near: true,
+        paper: false,
+        mat: true,
+        heavier,
+        tracked,
+    }
+}
+
+#[test]
+fn loads_are_weighed_in_the_jaws_and_carried_by_what_they_weigh() {
+    let robot = study::picking_robot(&Robot::built_in("lab-fast").unwrap());
+    // Five times as heavy: a can of 650 g, a third of the platform.
+    let scene = study::scene(&robot, &wanted(5.0, true)).unwrap();
+    assert_eq!(scene.carried_off, 3, "{:#?}", scene.report);
+    assert_eq!(scene.report.end, End::Empty);
+    for (attempt, grip) in scene.report.attempts.iter().zip(&scene.grips) {
+        let true_kg = 5.0
+            * match grip.split(',').next().unwrap() {
+                "holds can" => 0.13,
+                "holds flange" => 0.12,
+                "holds printed bracket" => 0.03,
+                other => panic!("{other}"),
+            };
+        let load = attempt.load.unwrap();
+        let off = (load.mass_kg - true_kg).abs();
+        assert!(off < 3.0 * load.mass_sigma_kg, "{true_kg} {load:?}");
+        assert!(off < 0.15 * true_kg, "{true_kg} {load:?}");
+    }
+}
+
+#[test]
+fn an_overload_is_refused_before_it_leaves_the_table() {
+    let mut robot = study::picking_robot(&Robot::built_in("lab-fast").unwrap());
+    // A robot with weaker cables: the heavy things are more than it may carry.
+    robot.limits.tension_max_n = 24.0;
+    robot.tension.ceiling_n = robot.tension.ceiling_n.min(24.0);
+    let scene = study::scene(&robot, &wanted(8.0, false)).unwrap();
+    let outcomes: Vec<_> = scene.report.attempts.iter().map(|a| a.outcome).collect();
+    let heavy = scene
+        .report
+        .attempts
+        .iter()
+        .filter(|a| a.outcome == Outcome::TooHeavy);
+    assert!(heavy.clone().count() >= 1, "{outcomes:?} {:?}", scene.grips);
+    for attempt in heavy {
+        assert!(attempt.lifted_n.unwrap() > 2.0, "{attempt:?}");
+    }
+    // Nothing was dropped beside the tray, and no fault stopped the robot.
+    assert_eq!(scene.left + scene.carried_off, scene.objects);
+}
