@@ -245,7 +245,10 @@ pub struct Gear {
 pub(super) const USUAL_COGGING_PER_TURN: u16 = 12;
 
 /// Whether it is the default: such robots keep the hash of their description without this key.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "the signature that serde calls")]
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "the signature that serde calls"
+)]
 const fn is_usual_cogging(periods: &u16) -> bool {
     *periods == USUAL_COGGING_PER_TURN
 }
