@@ -267,7 +267,10 @@ fn json(words: &[&str], folder: &std::path::Path) -> serde_json::Value {
 #[test]
 fn tuning_finds_delay_resonance_and_swing_and_says_which_gains_to_keep() {
     let folder = Folder::new("tune");
-    for (robot, resonance_hz) in [("lab-direct", 100.0..180.0), ("paper-optimistic", 15.0..40.0)] {
+    for (robot, resonance_hz) in [
+        ("lab-direct", 100.0..180.0),
+        ("paper-optimistic", 15.0..40.0),
+    ] {
         let found = json(
             &["tune", "tension", "--robot", robot],
             &folder.path().join(robot),
