@@ -421,6 +421,7 @@ fn gear_params(gear: &Gear, off: &GearMismatch, rng: &mut ChaCha8Rng) -> GearPar
         play_rad: gear.play_rad * play,
         stiffness_nm_per_rad: gear.stiffness_nm_per_rad * stiffness,
         cogging_nm: gear.cogging_nm,
+        cogging_per_turn: gear.cogging_per_turn,
         cold_friction: gear.cold_friction,
         ..GearParams::default()
     }

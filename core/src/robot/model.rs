@@ -234,8 +234,23 @@ pub struct Gear {
     pub stiffness_nm_per_rad: f64,
     /// Amplitude of the cogging torque, Nm.
     pub cogging_nm: f64,
+    /// Periods of the cogging torque per turn of the motor.
+    #[serde(skip_serializing_if = "is_usual_cogging")]
+    pub cogging_per_turn: u16,
     /// Cold friction over warm friction.
     pub cold_friction: f64,
+}
+
+/// Periods of the cogging torque where a file gives none.
+pub(super) const USUAL_COGGING_PER_TURN: u16 = 12;
+
+/// Whether it is the default: such robots keep the hash of their description without this key.
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "the signature that serde calls"
+)]
+const fn is_usual_cogging(periods: &u16) -> bool {
+    *periods == USUAL_COGGING_PER_TURN
 }
 
 /// Steps of a tension channel at which a board takes it for open.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::build::{MM_PER_M, MS_PER_S};
-use super::model::{DriveKind, Gear, Winch};
+use super::model::{DriveKind, Gear, USUAL_COGGING_PER_TURN, Winch};
 use super::modules::{self, ModuleFiles};
 use super::read::{Reader, Values};
 use super::schema::{self, Named, key};
@@ -211,6 +211,8 @@ fn gear(table: &Values) -> Option<Gear> {
         play_rad: table.number(key!(WINCH, "play_deg")).to_radians(),
         stiffness_nm_per_rad,
         cogging_nm: table.number(key!(WINCH, "cogging_mnm")) * MNM,
+        cogging_per_turn: u16::try_from(table.whole(key!(WINCH, "cogging_per_turn")))
+            .unwrap_or(USUAL_COGGING_PER_TURN),
         cold_friction: table.number(key!(WINCH, "cold_friction")),
     })
 }
@@ -219,7 +221,7 @@ fn gear(table: &Values) -> Option<Gear> {
 /// motor that cannot turn its own winch.
 fn check_gear(reader: &mut Reader, table: &Values, winch: &Winch) {
     // Keys that are valid only with a shaft between motor and drum.
-    let keys: [Named; 8] = [
+    let keys: [Named; 9] = [
         key!(WINCH, "rotor_friction_mnm"),
         key!(WINCH, "gear_friction_mnm"),
         key!(WINCH, "viscous_mnm_per_krpm"),
@@ -227,6 +229,7 @@ fn check_gear(reader: &mut Reader, table: &Values, winch: &Winch) {
         key!(WINCH, "backdrive_efficiency"),
         key!(WINCH, "play_deg"),
         key!(WINCH, "cogging_mnm"),
+        key!(WINCH, "cogging_per_turn"),
         key!(WINCH, "cold_friction"),
     ];
     let named = keys.into_iter().find(|key| table.has(*key));

@@ -234,7 +234,7 @@ fn friction_text(found: &Commissioned, winch: &Winch) -> String {
         "friction_n = {}\nrotor_friction_mnm = {:.4}\ngear_friction_mnm = {:.4}\n\
          static_friction = {}\nstribeck_rpm = {}\nviscous_mnm_per_krpm = {:.4}\n\
          gear_efficiency = {}\nbackdrive_efficiency = {}\nplay_deg = {:.3}\n\
-         torsional_stiffness_nm_per_rad = {}\ncogging_mnm = {}\ncold_friction = {}\n\
+         torsional_stiffness_nm_per_rad = {}\ncogging_mnm = {}\ncogging_per_turn = {}\ncold_friction = {}\n\
          drum_eccentricity_mm = {}",
         winch.friction_n,
         gear.rotor_friction_nm * 1e3,
@@ -248,6 +248,7 @@ fn friction_text(found: &Commissioned, winch: &Winch) -> String {
         gear.play_rad.to_degrees(),
         gear.stiffness_nm_per_rad,
         gear.cogging_nm * 1e3,
+        gear.cogging_per_turn,
         gear.cold_friction,
         milli(winch.drum_eccentricity_m),
     )

@@ -1,5 +1,5 @@
-//! High up, where cables are flat and tight, the platform stands still: with two thirds of the damping
-//! the machine of seed 21 shakes at 8 Hz there, more and more, until its board stops it.
+//! High up, where cables are flat and tight, the platform stands still: with a current as its output and too little
+//! damping the machine of seed 21 shook at 8 Hz there, more and more, until its board stopped it.
 
 use mcdpr::calibration::collect::{Reach, way};
 use mcdpr::experiment::SimulatedRobot;

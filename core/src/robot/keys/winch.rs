@@ -136,6 +136,12 @@ pub(crate) static WINCH: Section = Section {
             "cogging torque of the motor, amplitude, mN m",
         ),
         key(
+            "cogging_per_turn",
+            Kind::Whole(1, 1000),
+            Absent::Whole(12),
+            "periods of the cogging torque per turn of the motor: the least common multiple of its slots and poles",
+        ),
+        key(
             "cold_friction",
             Kind::Number(Within(1.0, 10.0)),
             Absent::Number(1.0),

@@ -103,7 +103,7 @@ fn paper_optimistic_has_the_papers_numbers_in_si() {
 #[test]
 fn a_module_file_gives_the_winches_of_table3_what_table5_writes_out() {
     let table3 = Robot::built_in("paper-table3").unwrap();
-    let table5 = Robot::built_in("paper-optimistic").unwrap();
+    let table5 = Robot::built_in("paper-table5").unwrap();
     assert_eq!(table3.winches, table5.winches);
 }
 

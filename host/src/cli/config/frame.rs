@@ -29,6 +29,11 @@ const MANY_DRIVES: &str =
 /// Gains of eight-cable: six held lengths let the platform give way to none.
 pub(super) const STIFF_GAINS: &str = "kp = 0.1                          # gains of eight-cable; tune with `mcdpr tune tension`\n\
     kd = 0\nki = 2\ndamping_ns_per_m = 20\nfilter_hz = 80\n";
+/// Gains of a robot whose winches have gears with friction, play and losses, hanging or held from below: the drive's own
+/// loop overcomes them. Those of paper-table5 and eight-cable.
+pub(super) const GEARED_GAINS: &str = "output = \"velocity\"                # the drive's own loop overcomes friction and loss of the gears\n\
+    kp = 4.0                           # mm/s per N; tune with `mcdpr tune tension`\n\
+    kd = 0.0133                        # mm/s per N/s\nki = 0\nfilter_hz = 150\n";
 /// Depth of the calibration target below home, mm: a camera on the platform sees a whole board of 0.3 m, as
 /// long as the target is not below the floor.
 const TARGET_BELOW_MM: f64 = 650.0;

@@ -2,7 +2,7 @@
 
 use super::super::{Common, Failed, Outcome, print_json};
 use super::answers::{Answers, ask};
-use super::frame::{Frame, STIFF_GAINS, Winches, complete};
+use super::frame::{Frame, GEARED_GAINS, STIFF_GAINS, Winches, complete};
 use super::{physics, reserve};
 use std::path::{Path, PathBuf};
 
@@ -56,6 +56,11 @@ pub(super) fn finish(
     written.push(file.display().to_string());
     let name = file.display().to_string();
     let mut robot = crate::robot::find(&name)?;
+    // Behind a real gear a current says little about the cable's tension (docs/tension.md).
+    if robot.winches.iter().all(|winch| winch.gear.is_some()) {
+        crate::files::write_atomically(file, frame.text(GEARED_GAINS)).map_err(failed())?;
+        robot = crate::robot::find(&name)?;
+    }
     if let Some(gains) = reserve::softer_gains(&robot) {
         crate::files::write_atomically(file, frame.text(&gains)).map_err(failed())?;
         robot = crate::robot::find(&name)?;

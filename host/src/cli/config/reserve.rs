@@ -5,7 +5,7 @@ use crate::cli::progress::Phase;
 use crate::experiment::{Experiment, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, PlanOptions, Task};
-use crate::robot::Robot;
+use crate::robot::{Robot, TensionOutput};
 use std::error::Error as _;
 use std::path::PathBuf;
 
@@ -20,6 +20,13 @@ const SEEDS: u64 = 3;
 const MOST_SHAKING: f64 = 0.25;
 /// Proportional gains that are tried where those of the file shake, N/N.
 const KPS: [f64; 6] = [0.7, 0.5, 0.3, 0.2, 0.1, 0.05];
+/// The same where the law commands a speed, mm/s per N.
+const SPEED_KPS: [f64; 5] = [3.0, 2.0, 1.5, 1.0, 0.5];
+
+/// Lines of `[tension]` beside its gains where the law commands a speed; they are those of
+/// [`super::frame::GEARED_GAINS`].
+const SPEED_LAW: &str = "ki = 0\nfilter_hz = 150\n\
+    output = \"velocity\"                # the drive's own loop overcomes friction and loss of the gears\n";
 
 /// What the simulated robot does: it rests at home, and moves as `mcdpr run fitting`.
 struct Trial {
@@ -131,13 +138,18 @@ pub(super) fn softer_gains(robot: &Robot) -> Option<String> {
     let mut tried = robot.clone();
     // The derivative of a noisy tension costs margin, and damping does not need it.
     tried.tension.kd = 0.0;
+    let by_speed = robot.tension.output == TensionOutput::Velocity;
     let mut fine = |kp: &f64| {
         tried.tension.kp = *kp;
         trial.passes_with_reserve(&tried).is_ok()
     };
-    let kp = KPS.into_iter().find(&mut fine)?;
-    Some(format!(
+    let kps: &[f64] = if by_speed { &SPEED_KPS } else { &KPS };
+    let kp = kps.iter().copied().find(&mut fine)?;
+    let gains = format!(
         "kp = {kp:<4}                         # of those tried, the greatest with which twice the gains\n\
          kd = 0                            # hold and move in the simulator\n"
-    ))
+    );
+    // The other lines of such a law are those that were tried.
+    let law = if by_speed { SPEED_LAW } else { "" };
+    Some(gains + law)
 }
