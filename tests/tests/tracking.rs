@@ -68,9 +68,10 @@ fn a_tracked_robot_keeps_its_place_while_its_cables_creep() {
         let seeing = laps(seed, &["--track", "--look"]);
         // Two and a half minutes of the fast creep: 0.3 % of 1.3 m, 40 % of it with a time of 5 min.
         assert!(untracked[11] > 1.5, "{untracked:?}");
-        for tracked in [blind, seeing] {
-            assert!(tracked[11] < 0.45, "{tracked:?}");
-            assert!(tracked[11] < 0.25 * untracked[11], "{tracked:?}");
+        // Without a camera nothing shows a drift of the whole frame.
+        for (tracked, most_mm) in [(blind, 0.6), (seeing, 0.4)] {
+            assert!(tracked[11] < most_mm, "{tracked:?}");
+            assert!(tracked[11] < 0.35 * untracked[11], "{tracked:?}");
         }
     }
 }

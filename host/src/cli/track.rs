@@ -37,9 +37,20 @@ pub(crate) enum Cables {
 }
 
 /// Lengths of a robot that was homed at a taught place contain the errors of its anchors there, m.
-pub(crate) const HOMED_M: f64 = 3e-4;
+const HOMED_M: f64 = 3e-4;
+/// Greatest shift of the planned tool by one rest, m: laps last up to a minute, in which tight cables creep by that.
+const STEP_M: f64 = 2e-3;
 /// Final creep of steel at the tension set-point, standard deviation, strain: a hundredth of the elastic stretch.
 const STEEL_CREEP: f64 = 1e-5;
+
+/// What is assumed of a robot before its first rest.
+pub(crate) fn prior() -> Prior {
+    Prior {
+        length_m: HOMED_M,
+        step_m: STEP_M,
+        ..Prior::default()
+    }
+}
 
 impl Track {
     /// Whether the robot is tracked.
@@ -69,10 +80,7 @@ impl Track {
 
     /// What is assumed before the first rest.
     pub(crate) fn prior(&self) -> Prior {
-        let mut prior = Prior {
-            length_m: HOMED_M,
-            ..Prior::default()
-        };
+        let mut prior = prior();
         if self.cables == Cables::Steel {
             prior.creep = [0.0, STEEL_CREEP];
         }
@@ -203,10 +211,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = common.robot()?;
         let model = Model::new(&robot)?;
-        let prior = Prior {
-            length_m: HOMED_M,
-            ..Prior::default()
-        };
+        let prior = prior();
         let store = Store::beside(&common.robot);
         if common.dry_run && (self.forget || self.back_to.is_some()) {
             return Err(super::dry::refusal("track --back-to and --forget").into());

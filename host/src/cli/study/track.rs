@@ -2,7 +2,7 @@
 
 use crate::cli::run::tool_height_m;
 use crate::cli::table::lay_out;
-use crate::cli::track::HOMED_M;
+use crate::cli::track::prior;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::experiment::{Experiment, Looking, SimulatedRobot};
 use crate::machine::Mismatch;
@@ -11,7 +11,6 @@ use crate::report::Figures;
 use crate::run::tracking::{Lesson, Tracking};
 use crate::run::{RunError, interrupted, watch_for_interrupts};
 use crate::study::quantile;
-use mcdpr_core::estimate::track::Prior;
 use mcdpr_core::random::Random;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -139,11 +138,7 @@ impl Cmd {
                 Kind::Seeing => Looking::Simulated,
                 _ => Looking::Blind,
             };
-            let prior = Prior {
-                length_m: HOMED_M,
-                ..Prior::default()
-            };
-            let tracking = (Tracking::new(model, &prior), None);
+            let tracking = (Tracking::new(model, &prior()), None);
             experiment = experiment.tracked(tracking, looking, |_, lesson| {
                 let mut rests = rests.borrow_mut();
                 rests.push(lesson.clone());

@@ -22,6 +22,7 @@ fn slow_robot(loss: f64) -> PlantParams {
         frame_expansion_per_k: 23e-6,
         frame_center_m: [0.3, 0.0, 0.0],
         cable_expansion_per_k: -12e-6,
+        warming: Warming::default(),
     };
     params
 }
@@ -182,4 +183,46 @@ fn a_tension_that_is_held_gives_way() {
             .is_err()
     );
     assert_eq!(before, day.state());
+}
+
+#[test]
+fn a_plant_warms_up_and_its_sensors_drift_by_themselves() {
+    let mut params = slow_robot(0.0);
+    params.slow.creep.clear();
+    let warm = Warming {
+        rise_k: 5.0,
+        time_s: 2.0,
+    };
+    params.slow.warming = warm;
+    let sensor = &mut params.winches[2].sensor;
+    sensor.noise_n = 0.0;
+    // A newton in ten seconds.
+    sensor.drift.steady_n = 2880.0;
+    let volts_per_n = 1.0 / sensor.gain_n_per_v;
+    let mut by_itself = at_rest(params.clone(), &off_centre(), 8.0);
+    params.slow.warming = Warming::default();
+    params.winches[2].sensor.drift = SensorDrift::default();
+    let mut by_hand = at_rest(params, &off_centre(), 8.0);
+    by_hand.warm(5.0, 5.0).expect("a temperature");
+    let start = tool_of(&by_itself);
+    for plant in [&mut by_itself, &mut by_hand] {
+        plant.advance(20.0).expect("it hangs");
+    }
+    // Ten times the time constant: as warm as by hand, and that moves the tool.
+    let (a, b) = (tool_of(&by_itself), tool_of(&by_hand));
+    assert!(distance(a, b) < 2e-6, "{a:?} {b:?}");
+    assert!(distance(a, start) > 2e-5, "{a:?} {start:?}");
+    // Sixteen conversions of twelve bits for 3.3 V.
+    let read = |plant: &mut Plant| f64::from(plant.read_sensors().adc[2]) / 65_536.0 * 3.3;
+    let more_n = (read(&mut by_itself) - read(&mut by_hand)) / volts_per_n;
+    assert!((more_n - 2.0).abs() < 0.1, "{more_n}");
+    let wave = SensorDrift {
+        wave_n: 0.1,
+        phase_rad: 1.0,
+        ..SensorDrift::default()
+    };
+    assert!(wave.zero_n(0.0).abs() < 1e-15);
+    // A quarter of the way to its crest and back: nine radians in eight hours.
+    let crest_s = 28_800.0 / 9.0 * (std::f64::consts::FRAC_PI_2 - 1.0);
+    assert!((wave.zero_n(crest_s) - 0.1 * (1.0 - 1.0_f64.sin())).abs() < 1e-12);
 }
