@@ -87,7 +87,7 @@ fn an_anchor_that_is_knocked_is_named_and_followed() {
         "--task",
         "paper:table7",
         "--laps",
-        "8",
+        "6",
         "--knock-mm",
         "3",
         "--seeds",
@@ -101,7 +101,7 @@ fn an_anchor_that_is_knocked_is_named_and_followed() {
     assert_eq!(rests["named_wrongly"], 0, "{rests}");
     assert_eq!(rests["named_without_a_knock"], 0, "{rests}");
     // Within two rests. A knock across a cable changes its length little: not every one shows.
-    assert!(rests["named_within_two"].as_u64().unwrap() >= 4, "{rests}");
+    assert!(rests["named_within_two"].as_u64().unwrap() >= 3, "{rests}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::link::{Client, Link, Note};
 use crate::machine;
 use crate::motion::{Model, Plan, PlanError, StaticState, Task, TaskError};
 use crate::recovery::Journal;
-use crate::robot::TagPlace;
+use crate::robot::{Control, TagPlace};
 use crate::sight::TagSource;
 use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
 use nalgebra::{Rotation3, Vector3};
@@ -189,10 +189,14 @@ impl<'m, L: Link> Session<'m, L> {
         let lesson = tracking.rest(rest, &self.at.equilibrium.pose)?;
         // Plans start where the board holds the cables, wherever that is by what is known now.
         let status = super::status(&mut self.client)?;
-        let held_m: Vec<f64> = status
-            .setpoints
-            .iter()
-            .map(|length| length.metres())
+        // A cable that is held by its tension is where its encoder says.
+        let cables = self.model.robot().cables.iter();
+        let held_m: Vec<f64> = cables
+            .zip(status.setpoints_m().zip(status.lengths_m()))
+            .map(|(cable, (setpoint_m, length_m))| match cable.control {
+                Control::Position => setpoint_m,
+                Control::Tension => length_m,
+            })
             .collect();
         self.at = tracking.model().rest_from_lengths(&held_m, &readings_n)?;
         Ok(Some(lesson))

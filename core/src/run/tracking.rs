@@ -252,3 +252,60 @@ impl Tracking {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::Robot;
+
+    /// A rest at home of a machine whose cables are all longer by `strain`.
+    fn rest_of(model: &Model, strain: f64, now_us: u64) -> (AtRest, Pose) {
+        let drift = vec![
+            crate::motion::Drift {
+                strain,
+                ..crate::motion::Drift::default()
+            };
+            model.robot().cables.len()
+        ];
+        let machine = model.clone().with_drift(&drift);
+        let rest = machine.rest_at_home().unwrap();
+        let at_rest = AtRest {
+            now_us,
+            lengths_m: rest.paid_out_m.clone(),
+            tensions_n: rest.tensions_n().to_vec(),
+            ..AtRest::default()
+        };
+        (at_rest, rest.equilibrium.pose)
+    }
+
+    #[test]
+    fn plans_close_with_the_lengths_of_the_last_rest() {
+        for name in ["lab-fast", "eight-cable"] {
+            let model = Model::new(&Robot::built_in(name).unwrap()).unwrap();
+            let prior = Prior {
+                step_m: 1.0,
+                length_m: 3e-4,
+                ..Prior::default()
+            };
+            let mut tracking = Tracking::new(&model, &prior);
+            for second in 0..4_u64 {
+                let strain = 1e-4 * (second as f64);
+                let (rest, pose) = rest_of(&model, strain, second * 20_000_000);
+                let lengths_m = rest.lengths_m.clone();
+                let tensions_n = rest.tensions_n.clone();
+                let lesson = tracking.rest(rest, &pose).unwrap();
+                let at = tracking
+                    .model()
+                    .rest_from_lengths(&lengths_m, &tensions_n)
+                    .unwrap();
+                assert!(lesson.fits, "{lesson:?}");
+                // As well as an encoder counts: 30 um.
+                for (plan, read) in at.paid_out_m.iter().zip(&lengths_m) {
+                    assert!((plan - read).abs() < 3e-5, "{name}: {plan} {read}");
+                }
+                let by_mm = lesson.step_mm;
+                assert!(second == 0 || by_mm > 0.1, "{name}: {by_mm}");
+            }
+        }
+    }
+}
