@@ -198,7 +198,7 @@ impl Common {
             return Ok(());
         }
         Err(Failed::from_error(command)(
-            "it simulates many robots, each with the control core in this process; leave out --on",
+            "it simulates many robots, each with the control core in this process, none on a chip or a board; leave out --on",
         ))
     }
 

@@ -1,8 +1,6 @@
 //! The tracked states in the words of a robot file.
 
-use super::rows::vector;
 use super::{Prior, Tracker};
-use nalgebra::Vector3;
 use serde::Serialize;
 
 /// A value and its standard deviation.
@@ -117,14 +115,5 @@ impl Tracker {
                 self.planned[state] = self.now.mean[state];
             }
         }
-    }
-
-    /// Greatest displacement of an anchor that plans follow: which cable, from 1, and world, m.
-    #[must_use]
-    pub fn farthest_anchor(&self) -> Option<(usize, Vector3<f64>)> {
-        let anchors = (0..self.layout.cables).map(|i| vector(&self.planned, self.layout.anchor(i)));
-        (1..)
-            .zip(anchors)
-            .max_by(|a, b| a.1.norm().total_cmp(&b.1.norm()))
     }
 }

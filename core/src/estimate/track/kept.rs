@@ -61,8 +61,7 @@ pub enum KeptError {
 }
 
 /// Checksum of everything that the states are relative to: geometry, cables, masses, sensors, tool, camera.
-#[must_use]
-pub fn description_of(robot: &Robot) -> u32 {
+fn description_of(robot: &Robot) -> u32 {
     let winches: Vec<_> = robot
         .winches
         .iter()

@@ -30,7 +30,7 @@ impl Pulleys {
     /// The same, for lengths that are read from encoders: what is shorter than a count and a half does not count
     /// as a way, or a reading at the edge between two counts would wear the friction away.
     #[must_use]
-    pub fn by_encoders(robot: &Robot, lengths_m: &[f64], tensions_n: &[f64]) -> Self {
+    pub(crate) fn by_encoders(robot: &Robot, lengths_m: &[f64], tensions_n: &[f64]) -> Self {
         let grain = |cable: usize| {
             robot.winch_of(cable).map_or(0.0, |winch| {
                 let turn_m = std::f64::consts::TAU * winch.drum_radius_m;
