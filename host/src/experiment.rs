@@ -20,6 +20,11 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod laps;
+
+pub(crate) use laps::Looking;
+use laps::{Laps, Noting, Tracked, Truth, simulated_eyes};
+
 use crate::control::Handle;
 use crate::link::{Link, Paced, SimulatedLink};
 use crate::machine::{self, Controller, Mismatch};
@@ -27,15 +32,12 @@ use crate::motion::{Model, Plan, PlanError, Task};
 use crate::record::events::{EventBus, TruthTap, Watched};
 use crate::report::{self, Figures, PathPoint};
 use crate::robot::Robot;
-use crate::robot::TagPlace;
 use crate::run::tracking::{Lesson, Tracking};
-use crate::run::{
-    self, Homing, Measured, Progress, Recorder, ResumeError, RunError, Session, Sight,
-};
-use crate::sight::{Scene, SimulatedTags, TagSource};
+use crate::run::{self, Homing, Measured, Progress, ResumeError, RunError, Session};
+use crate::sight::Scene;
 use mcdpr_core::recovery::{Journal, JournalError};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
+use mcdpr_simulator::{LinkOptions, Simulation};
 use nalgebra::{Rotation3, Vector3};
 use std::time::{Duration, Instant};
 
@@ -201,33 +203,6 @@ pub struct Experiment<'a> {
     laps: usize,
     tracked: Option<Tracked<'a>>,
     truth: Option<Box<Truth<'a>>>,
-}
-
-/// Called after every rest that was taken note of.
-type OnRest<'a> = dyn FnMut(&Tracking, &Lesson) + 'a;
-/// The true states of a simulated robot since the last call.
-type Truth<'a> = dyn FnMut() -> Vec<TracePoint> + 'a;
-
-/// A camera and the places of its tags.
-type Eyes<'a> = (Box<dyn TagSource + 'a>, Vec<TagPlace>);
-
-/// Which camera sees the robot's tags at its rests.
-pub(crate) enum Looking<'a> {
-    /// None.
-    Blind,
-    /// The simulated robot's own.
-    Simulated,
-    /// This one; the places of the tags are known.
-    By(Eyes<'a>),
-}
-
-/// What is tracked, and by which camera.
-struct Tracked<'a> {
-    tracking: Tracking,
-    /// When it was kept, s since 1970; `None` for a new one.
-    kept_unix_s: Option<u64>,
-    looking: Looking<'a>,
-    on_rest: Box<OnRest<'a>>,
 }
 
 /// The journal of a board, by the board's number.
@@ -487,108 +462,6 @@ impl<'a> Experiment<'a> {
             }
             Err(error) => Err(error),
         }
-    }
-}
-
-/// Error of the camera's mounting that a calibration leaves, half widths per axis, m and rad.
-const MOUNTED_M: f64 = 1.7e-4;
-const MOUNTED_RAD: f64 = 3.4e-4;
-/// Noise of a corner in a simulated picture, px.
-const CORNER_PX: f64 = 0.1;
-
-/// The simulated robot's camera and the places of its tags. A robot that was not calibrated on the simulator counts
-/// as one whose camera and tags were calibrated elsewhere.
-fn simulated_eyes<'a>(robot: &Robot, link: &SimulatedLink, seed: u64) -> Eyes<'a> {
-    let (scene, places) = match &robot.calibrated {
-        Some(calibrated) => (Scene::of(robot, seed), calibrated.places.clone()),
-        None => {
-            let scene = Scene::on_floor(robot, MOUNTED_M, MOUNTED_RAD, seed);
-            let places = scene.places.clone();
-            (scene, places)
-        }
-    };
-    let camera = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
-    (Box::new(camera), places)
-}
-
-/// Who takes note of rests.
-struct Noting<'a> {
-    eyes: Option<Eyes<'a>>,
-    on_rest: Box<OnRest<'a>>,
-}
-
-impl Noting<'_> {
-    fn rest<L: Link>(&mut self, session: &mut Session<'_, L>) -> Result<(), RunError> {
-        let sight = self.eyes.as_mut().map(|(camera, places)| Sight {
-            camera: camera.as_mut(),
-            places,
-        });
-        let lesson = session.notice(sight)?;
-        if let Some((lesson, tracking)) = lesson.zip(session.tracking()) {
-            (self.on_rest)(tracking, &lesson);
-        }
-        Ok(())
-    }
-}
-
-/// The laps of a task on an armed robot.
-struct Laps<'a> {
-    model: &'a Model,
-    task: Task,
-    count: usize,
-    noting: Option<Noting<'a>>,
-    truth: Option<Box<Truth<'a>>>,
-    progress: Box<dyn FnMut(Progress) + 'a>,
-}
-
-impl Laps<'_> {
-    /// Follows `first`, and then the task from where the tool is, again and again.
-    fn follow<L: Link>(
-        &mut self,
-        session: &mut Session<'_, L>,
-        first: Plan,
-    ) -> Result<Run, RunError> {
-        let mut plan = first;
-        if let Some(noting) = &mut self.noting {
-            noting.rest(session)?;
-            plan = session.plan(self.task.clone(), None)?;
-        }
-        let mut figures = Vec::new();
-        loop {
-            let mut recorder = Recorder::default();
-            session.follow(&plan, &mut recorder, &mut self.progress)?;
-            if let Some(noting) = &mut self.noting {
-                noting.rest(session)?;
-            }
-            let mut run = Run {
-                plan,
-                samples: recorder.samples,
-                true_path: None,
-                true_turns: None,
-                simulated: false,
-                laps: Vec::new(),
-            };
-            if self.count <= 1 {
-                return Ok(run);
-            }
-            self.judge(&mut run);
-            figures.push(run.figures(self.model)?);
-            if figures.len() >= self.count {
-                run.laps = figures;
-                return Ok(run);
-            }
-            plan = session.plan(self.task.clone(), None)?;
-        }
-    }
-
-    /// Adds the truth of a simulated robot's last motion.
-    fn judge(&mut self, run: &mut Run) {
-        let Some(trace) = self.truth.as_mut().map(|truth| truth()) else {
-            return;
-        };
-        let known = self.model.robot().calibrated.is_none();
-        run.true_turns = known.then(|| report::true_turns(&trace));
-        run.true_path = Some(in_calibrated_frame(self.model, report::true_path(&trace)));
     }
 }
 
