@@ -58,8 +58,9 @@ fn a_tray_is_emptied_and_the_program_knows_what_it_has() {
     assert!(scene.report.attempts.len() <= 6, "{:?}", scene.grips);
     let error = median(&scene.errors_m);
     assert!(error < 1e-3, "{:?}", scene.errors_m);
-    for error in &scene.errors_m {
-        assert!(*error < 2.5e-3, "{:?}", scene.errors_m);
+    for [x, y, _] in &scene.off_m {
+        // Across: a pixel at the edge of a boss of 10 mm is that much higher for the judge than for the grasp.
+        assert!(x.hypot(*y) < 2.5e-3, "{:?}", scene.off_m);
     }
     for attempt in &scene.report.attempts {
         // What lengths say was corrected before the jaws closed.
