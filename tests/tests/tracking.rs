@@ -67,11 +67,11 @@ fn a_tracked_robot_keeps_its_place_while_its_cables_creep() {
         let blind = laps(seed, &["--track"]);
         let seeing = laps(seed, &["--track", "--look"]);
         // Two and a half minutes of the fast creep: 0.3 % of 1.3 m, 40 % of it with a time of 5 min.
-        assert!(untracked[11] > 1.5, "{untracked:?}");
+        assert!(untracked[11] > 1.0, "{untracked:?}");
         // Without a camera nothing shows a drift of the whole frame.
         for (tracked, most_mm) in [(blind, 0.6), (seeing, 0.4)] {
             assert!(tracked[11] < most_mm, "{tracked:?}");
-            assert!(tracked[11] < 0.35 * untracked[11], "{tracked:?}");
+            assert!(tracked[11] < 0.5 * untracked[11], "{tracked:?}");
         }
     }
 }
@@ -108,13 +108,13 @@ fn an_anchor_that_is_knocked_is_named_and_followed() {
 fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
     let folder = Folder::new("tracked-port");
     let robot = ["--robot", "lab-fast", "--machine", "after-hours"];
-    let simulator = Simulator::start_with("10", &robot);
+    let simulator = Simulator::start_with("3", &robot);
     let on = |words: &[&str]| {
         let port = [
             "--robot",
             "lab-fast",
             "--time-scale",
-            "10",
+            "3",
             "--on",
             &simulator.port,
         ];
@@ -172,7 +172,7 @@ fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
         "--robot",
         "lab-fast",
         "--time-scale",
-        "10",
+        "3",
         "--on",
         port,
     ];
@@ -233,7 +233,7 @@ fn wanted(heavier: f64, tracked: bool) -> Wanted {
         order: Order::Separate,
         count: 3,
         knowledge: Knowledge::Exact,
-        seed: 3,
+        seed: 6,
         turns: true,
         attempts_max: Some(4),
         views: 1,
@@ -257,7 +257,7 @@ fn loads_are_weighed_in_the_jaws_and_carried_by_what_they_weigh() {
             * match grip.split(',').next().unwrap() {
                 "holds can" => 0.13,
                 "holds flange" => 0.12,
-                "holds printed bracket" => 0.03,
+                "holds bar" => 0.06,
                 other => panic!("{other}"),
             };
         let load = attempt.load.unwrap();
@@ -270,9 +270,10 @@ fn loads_are_weighed_in_the_jaws_and_carried_by_what_they_weigh() {
 #[test]
 fn an_overload_is_refused_before_it_leaves_the_table() {
     let mut robot = study::picking_robot(&Robot::built_in("lab-fast").unwrap());
-    // A robot with weaker cables: the heavy things are more than it may carry.
+    // A robot with weaker cables that is to carry things high up: the heavy ones are too much for it.
     robot.limits.tension_max_n = 24.0;
     robot.tension.ceiling_n = robot.tension.ceiling_n.min(24.0);
+    robot.surroundings.release_m = Some([0.3, 0.12, -0.27].into());
     let scene = study::scene(&robot, &wanted(8.0, false)).unwrap();
     let outcomes: Vec<_> = scene.report.attempts.iter().map(|a| a.outcome).collect();
     let heavy = scene
@@ -280,9 +281,13 @@ fn an_overload_is_refused_before_it_leaves_the_table() {
         .attempts
         .iter()
         .filter(|a| a.outcome == Outcome::TooHeavy);
-    assert!(heavy.clone().count() >= 1, "{outcomes:?} {:?}", scene.grips);
+    assert!(
+        heavy.clone().count() == 2 && scene.carried_off == 1,
+        "{outcomes:?} {:?}",
+        scene.grips
+    );
     for attempt in heavy {
-        assert!(attempt.lifted_n.unwrap() > 2.0, "{attempt:?}");
+        assert!(attempt.lifted_n.unwrap() > 5.0, "{attempt:?}");
     }
     // Nothing was dropped beside the tray, and no fault stopped the robot.
     assert_eq!(scene.left + scene.carried_off, scene.objects);

@@ -283,6 +283,8 @@ impl<'a, L: Link> Picker<'a, L> {
                 "an attempt there has failed"
             } else if self.arm.judge(&way).is_err() {
                 "the way there comes too near a limit"
+            } else if self.arm.judge(&self.whole_way(&choice)).is_err() {
+                "the way from there to the release place comes too near a limit"
             } else {
                 return Ok(Ok(choice));
             };
@@ -338,6 +340,13 @@ impl<'a, L: Link> Picker<'a, L> {
             Ok(()) => again,
             Err(_) => choice,
         })
+    }
+
+    /// There, up again, and to the release position.
+    fn whole_way(&self, choice: &Choice) -> [Vector3<f64>; 5] {
+        let [above, at] = self.way_there(choice);
+        let [over, release] = self.way_out(above.z);
+        [above, at, above, over, release]
     }
 
     fn way_there(&self, choice: &Choice) -> [Vector3<f64>; 2] {
