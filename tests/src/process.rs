@@ -4,7 +4,7 @@ use crate::mcdpr;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -37,6 +37,43 @@ impl Drop for Folder {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
     }
+}
+
+/// What a command says, in a folder that also keeps its state.
+///
+/// # Panics
+/// Where it cannot be started.
+#[must_use]
+pub fn call(arguments: &[&str], state: &Path) -> Output {
+    mcdpr()
+        .args(arguments)
+        .env("XDG_STATE_HOME", state)
+        .current_dir(state)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap_or_else(|error| panic!("{arguments:?}: {error}"))
+}
+
+/// The document of a command that must succeed, in such a folder.
+///
+/// # Panics
+/// Where it fails or prints no document.
+pub fn document(arguments: &[&str], state: &Path) -> Value {
+    let output = call(&[arguments, &["--json"]].concat(), state);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"))
+}
+
+/// The words of a command that must be refused, in such a folder.
+///
+/// # Panics
+/// Where it succeeds.
+#[must_use]
+pub fn refused(arguments: &[&str], state: &Path) -> String {
+    let output = call(arguments, state);
+    assert!(!output.status.success(), "{arguments:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// `mcdpr sim --pty` in its own process; ended with the test.

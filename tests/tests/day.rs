@@ -7,36 +7,9 @@ use mcdpr::machine::{Controller, Mismatch};
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
 use mcdpr::study::tube::audit;
-use mcdpr_tests::mcdpr;
-use mcdpr_tests::process::Folder;
+use mcdpr_tests::process::{Folder, call, document, refused};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::process::{Output, Stdio};
-
-fn call(arguments: &[&str], state: &Path) -> Output {
-    mcdpr()
-        .args(arguments)
-        .env("XDG_STATE_HOME", state)
-        .current_dir(state)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
-}
-
-/// The document of a command that must succeed.
-fn document(arguments: &[&str], state: &Path) -> Value {
-    let output = call(&[arguments, &["--json"]].concat(), state);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments:?}: {errors}");
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"))
-}
-
-/// The words of a command that must be refused.
-fn refused(arguments: &[&str], state: &Path) -> String {
-    let output = call(arguments, state);
-    assert!(!output.status.success(), "{arguments:?}");
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
 
 #[test]
 fn the_tool_stays_inside_the_tube_that_a_plan_states() {

@@ -5,36 +5,8 @@ use mcdpr::pick::study::{self, Knowledge, Wanted};
 use mcdpr::pick::{End, Outcome};
 use mcdpr::robot::Robot;
 use mcdpr_simulator::camera::Order;
-use mcdpr_tests::mcdpr;
-use mcdpr_tests::process::{Folder, Simulator};
+use mcdpr_tests::process::{Folder, Simulator, document, refused};
 use serde_json::Value;
-use std::path::Path;
-use std::process::{Output, Stdio};
-
-fn call(arguments: &[&str], state: &Path) -> Output {
-    mcdpr()
-        .args(arguments)
-        .env("XDG_STATE_HOME", state)
-        .current_dir(state)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
-}
-
-/// The document of a command that must succeed.
-fn document(arguments: &[&str], state: &Path) -> Value {
-    let output = call(&[arguments, &["--json"]].concat(), state);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments:?}: {errors}");
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"))
-}
-
-/// The words of a command that must be refused.
-fn refused(arguments: &[&str], state: &Path) -> String {
-    let output = call(arguments, state);
-    assert!(!output.status.success(), "{arguments:?}");
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
 
 fn mean_mm(lap: &Value) -> f64 {
     lap["path_error_m"]["mean"].as_f64().unwrap() * 1e3

@@ -31,6 +31,8 @@ pub struct Arm<L: Link> {
     tracking: Option<Tracking>,
     /// The load has changed since the last motion: the next plan's start may differ from what the board holds.
     load_changed: bool,
+    /// The last rest fitted what is tracked.
+    load_known: bool,
 }
 
 /// Deviation of a planned tension due to swing and friction, N.
@@ -149,6 +151,7 @@ impl<L: Link> Arm<L> {
             began_us,
             tracking: None,
             load_changed: false,
+            load_known: false,
         })
     }
 

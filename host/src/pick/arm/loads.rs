@@ -2,10 +2,8 @@
 
 use super::{Arm, lengths, plan, tensions, with_spare};
 use crate::link::Link;
-use crate::motion::Model;
 use crate::pick::PickError;
 use crate::recovery::load;
-use crate::robot::Robot;
 use crate::run;
 use crate::run::tracking::{AtRest, Tracking};
 use mcdpr_core::estimate::track::{Load, Prior};
@@ -31,13 +29,16 @@ impl<L: Link> Arm<L> {
     pub(crate) fn lifted(&mut self) {
         if let Some(tracking) = &mut self.tracking {
             tracking.lift();
+            self.load_known = false;
         }
     }
 
-    /// What the jaws hold, as tracked.
+    /// What the jaws hold, as tracked; `None` also where the rest after the lift did not fit: then the tracked load
+    /// is a guess.
     #[must_use]
     pub(crate) fn load(&self) -> Option<Load> {
-        self.tracking.as_ref().and_then(Tracking::load)
+        let tracking = self.tracking.as_ref().filter(|_| self.load_known)?;
+        tracking.load()
     }
 
     /// Whether the robot could move along these points with a load of `load_n` at its tool, with every tension
@@ -52,7 +53,7 @@ impl<L: Link> Arm<L> {
     ) -> Result<bool, PickError> {
         let (at_m, carried_kg) = (self.tool_m, self.carried_kg);
         self.meanwhile(|model| {
-            let more_kg = (load_n / mcdpr_kinematics::GRAVITY_MPS2 - carried_kg).max(0.0);
+            let more_kg = load_n / mcdpr_kinematics::GRAVITY_MPS2 - carried_kg;
             let Ok(model) = load::loaded(&with_spare(model), more_kg) else {
                 return false;
             };
@@ -139,6 +140,7 @@ impl<L: Link> Arm<L> {
             ..AtRest::default()
         };
         let lesson = tracking.rest(rest, &near.equilibrium.pose)?;
+        self.load_known = lesson.fits;
         if let Some(named) = &lesson.named {
             eprintln!("{named}");
         }
@@ -152,12 +154,7 @@ impl<L: Link> Arm<L> {
         };
         self.model = tracking.model().clone();
         self.carried_kg = 0.0;
-        self.load_changed = true;
-        let status = run::status(&mut self.client)?;
-        let held: Vec<f64> = status.setpoints_m().collect();
-        let rest = self.meanwhile(|model| model.rest_from_lengths(&held, &tensions(&status)))??;
-        self.tool_m = self.model.tool_m(&rest);
-        Ok(())
+        self.load_changed()
     }
 
     /// The vertical force of a change of tensions at the tool's present position, N: the additional
@@ -176,15 +173,13 @@ impl<L: Link> Arm<L> {
     /// # Errors
     /// If the robot cannot hang with it at its present position.
     pub fn carry(&mut self, mass_kg: f64) -> Result<(), PickError> {
-        if let Some(tracking) = &mut self.tracking {
-            if mass_kg <= 0.0 {
-                tracking.set_down()?;
-                return self.follow_tracking();
-            }
+        if mass_kg > 0.0 && self.load().is_some() {
             // Its mass and centre are in the model since it was weighed.
-            if tracking.load().is_some() {
-                return Ok(());
-            }
+            return Ok(());
+        }
+        if let Some(tracking) = &mut self.tracking {
+            tracking.set_down()?;
+            self.follow_tracking()?;
         }
         self.expect_load(mass_kg)
     }
@@ -194,25 +189,17 @@ impl<L: Link> Arm<L> {
     /// # Errors
     /// If the robot cannot hang with it at its present position.
     pub(crate) fn expect_load(&mut self, mass_kg: f64) -> Result<(), PickError> {
-        let mut robot: Robot = self.model.robot().clone();
-        let bare_kg = robot.platform.mass_kg - self.carried_kg;
-        let tcp = robot.tool.tcp_in_platform_m;
-        // The mass at the tool moves the centre of mass.
-        let bare_center = (robot.platform.center_of_mass_m * robot.platform.mass_kg
-            - tcp * self.carried_kg)
-            / bare_kg;
         // A weight below zero is an error of the sensors.
         let mass_kg = mass_kg.max(0.0);
-        robot.platform.mass_kg = bare_kg + mass_kg;
-        robot.platform.center_of_mass_m =
-            (bare_center * bare_kg + tcp * mass_kg) / robot.platform.mass_kg;
+        self.model = load::loaded(&self.model, mass_kg - self.carried_kg)?;
         self.carried_kg = mass_kg;
+        self.load_changed()
+    }
+
+    /// Finds the tool with the present model at the lengths that the board holds. The next plan's start may differ
+    /// from them.
+    fn load_changed(&mut self) -> Result<(), PickError> {
         self.load_changed = true;
-        let drift = self.model.drift().to_vec();
-        self.model = Model::new(&robot)?
-            .with_options(self.model.options())
-            .with_drift(&drift);
-        // Tool position with that load at the lengths that the board holds.
         let status = run::status(&mut self.client)?;
         let held: Vec<f64> = status.setpoints_m().collect();
         let rest = self.meanwhile(|model| model.rest_from_lengths(&held, &tensions(&status)))??;
