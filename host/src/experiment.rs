@@ -23,7 +23,7 @@
 mod laps;
 
 pub(crate) use laps::Looking;
-use laps::{Laps, Noting, Tracked, Truth, simulated_eyes};
+use laps::{Keep, Laps, Noting, Tracked, Truth, simulated_eyes};
 
 use crate::control::Handle;
 use crate::link::{Link, Paced, SimulatedLink};
@@ -242,19 +242,21 @@ impl<'a> Experiment<'a> {
     }
 
     /// Tracks the robot's slow changes at its rests, and plans by what is tracked: a new state, or one that was kept
-    /// at a time (s since 1970). `on_rest` gets what each rest taught.
+    /// at a time (s since 1970). `on_rest` gets what each rest taught, `keep` the state after it.
     #[must_use]
     pub(crate) fn tracked(
         mut self,
         (tracking, kept_unix_s): (Tracking, Option<u64>),
         looking: Looking<'a>,
         on_rest: impl FnMut(&Tracking, &Lesson) + 'a,
+        keep: Option<Box<Keep>>,
     ) -> Self {
         self.tracked = Some(Tracked {
             tracking,
             kept_unix_s,
             looking,
             on_rest: Box::new(on_rest),
+            keep,
         });
         self
     }
@@ -420,6 +422,7 @@ impl<'a> Experiment<'a> {
             kept_unix_s,
             looking,
             on_rest,
+            keep,
         }) = self.tracked
         {
             session.track(tracking, kept_unix_s)?;
@@ -427,7 +430,11 @@ impl<'a> Experiment<'a> {
                 Looking::By(eyes) => Some(eyes),
                 Looking::Blind | Looking::Simulated => None,
             };
-            noting = Some(Noting { eyes, on_rest });
+            noting = Some(Noting {
+                eyes,
+                on_rest,
+                keep,
+            });
         }
         let first = match self.resume {
             None => session.plan(self.task.clone(), None)?,

@@ -8,6 +8,9 @@ use mcdpr_simulator::camera::Order;
 use mcdpr_tests::process::{Folder, Simulator, document, refused};
 use serde_json::Value;
 
+/// Simulated seconds per second: slow enough for a busy computer to keep a board fed.
+const SCALE: &str = "0.6";
+
 fn mean_mm(lap: &Value) -> f64 {
     lap["path_error_m"]["mean"].as_f64().unwrap() * 1e3
 }
@@ -80,13 +83,13 @@ fn an_anchor_that_is_knocked_is_named_and_followed() {
 fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
     let folder = Folder::new("tracked-port");
     let robot = ["--robot", "lab-fast", "--machine", "after-hours"];
-    let simulator = Simulator::start_with("3", &robot);
+    let simulator = Simulator::start_with(SCALE, &robot);
     let on = |words: &[&str]| {
         let port = [
             "--robot",
             "lab-fast",
             "--time-scale",
-            "3",
+            SCALE,
             "--on",
             &simulator.port,
         ];
@@ -112,7 +115,7 @@ fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
     // No camera has looked: nothing can tell where the camera is on its bracket.
     assert_eq!(kept["state"]["camera_m"][0]["observed"], false);
     // A second program goes on from there: less is new to it than to the first.
-    let second = on(&["run", "fitting", "--track", "--laps", "2"]);
+    let second = on(&["run", "fitting", "--track"]);
     let doubt = |run: &Value| run["rests"][0]["doubt"].as_f64().unwrap();
     assert!(second["rests"][0]["fits"].as_bool().unwrap(), "{second}");
     assert!(
@@ -144,7 +147,7 @@ fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
         "--robot",
         "lab-fast",
         "--time-scale",
-        "3",
+        SCALE,
         "--on",
         port,
     ];

@@ -36,8 +36,9 @@ pub(super) fn measure<L: Link>(
         lengths.for_each(|(sum, length_m)| *sum += length_m * share);
         let tensions = rest.tensions_n.iter_mut().zip(status.tensions_n());
         tensions.for_each(|(sum, tension_n)| *sum += tension_n * share);
-        if let Some(sight) = &mut sight {
-            for view in sight.camera.look().map_err(RunError::Sight)? {
+        // A picture that has not arrived yet is not waited for: the board needs its host.
+        if let Some(pictured) = sight.as_mut().and_then(|sight| sight.camera.poll()) {
+            for view in pictured.map_err(RunError::Sight)? {
                 match corners.iter_mut().find(|seen| seen.sum.id == view.id) {
                     Some(seen) => seen.add(&view),
                     None => corners.push(Corners {

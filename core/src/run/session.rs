@@ -1,7 +1,7 @@
 //! A session with a robot: connecting and homing, arming, one motion after another, closing.
 
 use super::saved::{Implausible, LengthStore, Saved, board_name};
-use super::tracking::{Lesson, Tracking};
+use super::tracking::{AtRest, Lesson, Tracking};
 use super::{Progress, Recorder, RunError, follow_plan, joined_to, lead_in, resting};
 use crate::control::Handle;
 use crate::estimate::{EstimateError, Measurements, Sigmas, estimate};
@@ -11,6 +11,7 @@ use crate::motion::{Model, Plan, PlanError, StaticState, Task, TaskError};
 use crate::recovery::Journal;
 use crate::robot::{Control, TagPlace};
 use crate::sight::TagSource;
+use mcdpr_kinematics::Pose;
 use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
 use nalgebra::{Rotation3, Vector3};
 
@@ -35,6 +36,56 @@ pub enum Homing<'a> {
         /// The tags' bodies.
         places: Vec<TagPlace>,
     },
+}
+
+/// From where, and with which model, plans are made.
+pub struct Planning {
+    model: Model,
+    tool_m: Vector3<f64>,
+    attitude: Rotation3<f64>,
+}
+
+impl Planning {
+    /// Plans a task.
+    ///
+    /// # Errors
+    /// The first limit that would be broken.
+    pub fn plan(&self, task: Task, speed_mps: Option<f64>) -> Result<Plan, RunError> {
+        plan_turned(&self.model, task, &self.tool_m, self.attitude, speed_mps)
+    }
+}
+
+/// A measured rest, and what was tracked before it.
+pub struct Noticed {
+    tracking: Tracking,
+    rest: AtRest,
+    near: Pose,
+    held_m: Vec<f64>,
+}
+
+/// What was learnt from a rest.
+pub struct Learnt {
+    tracking: Tracking,
+    at: StaticState,
+    lesson: Lesson,
+}
+
+impl Noticed {
+    /// Learns from the rest. That takes some milliseconds, more where something moved: a board is kept fed meanwhile.
+    ///
+    /// # Errors
+    /// [`PlanError`] where what was learnt leaves no valid robot.
+    pub fn learn(mut self) -> Result<Learnt, PlanError> {
+        let readings_n = self.rest.tensions_n.clone();
+        let lesson = self.tracking.rest(self.rest, &self.near)?;
+        let model = self.tracking.model();
+        let at = model.rest_from_lengths(&self.held_m, &readings_n)?;
+        Ok(Learnt {
+            tracking: self.tracking,
+            at,
+            lesson,
+        })
+    }
 }
 
 /// A camera, and the places of the tags that it may see.
@@ -175,18 +226,16 @@ impl<'m, L: Link> Session<'m, L> {
         self.tracking.as_ref().map_or(self.model, Tracking::model)
     }
 
-    /// Takes note of how the robot rests, for two seconds: lengths, tensions and, with a camera, the tags of
-    /// known places. It must hold. Without tracking nothing happens.
+    /// Measures how the robot rests, for two seconds: lengths, tensions and, with a camera, the tags of known
+    /// places. It must hold. `None` without tracking. What is learnt from it goes back by [`Self::learnt`].
     ///
     /// # Errors
-    /// The client's, the camera's; [`PlanError`] where what was learnt leaves no valid robot.
-    pub fn notice(&mut self, sight: Option<Sight<'_>>) -> Result<Option<Lesson>, RunError> {
-        let Some(tracking) = &mut self.tracking else {
+    /// The client's, the camera's.
+    pub fn notice(&mut self, sight: Option<Sight<'_>>) -> Result<Option<Noticed>, RunError> {
+        if self.tracking.is_none() {
             return Ok(None);
-        };
+        }
         let rest = resting::measure(&mut self.client, sight)?;
-        let readings_n = rest.tensions_n.clone();
-        let lesson = tracking.rest(rest, &self.at.equilibrium.pose)?;
         // Plans start where the board holds the cables, wherever that is by what is known now.
         let status = super::status(&mut self.client)?;
         // A cable that is held by its tension is where its encoder says.
@@ -198,8 +247,20 @@ impl<'m, L: Link> Session<'m, L> {
                 Control::Tension => length_m,
             })
             .collect();
-        self.at = tracking.model().rest_from_lengths(&held_m, &readings_n)?;
-        Ok(Some(lesson))
+        let near = self.at.equilibrium.pose;
+        Ok(self.tracking.take().map(|tracking| Noticed {
+            tracking,
+            rest,
+            near,
+            held_m,
+        }))
+    }
+
+    /// Takes what was learnt from a rest: later plans follow it.
+    pub fn learnt(&mut self, learnt: Learnt) -> Lesson {
+        self.at = learnt.at;
+        self.tracking = Some(learnt.tracking);
+        learnt.lesson
     }
 
     /// The line to the board.
@@ -235,8 +296,17 @@ impl<'m, L: Link> Session<'m, L> {
     /// # Errors
     /// The first limit that would be broken.
     pub fn plan(&self, task: Task, speed_mps: Option<f64>) -> Result<Plan, RunError> {
-        let attitude = self.at.equilibrium.pose.rotation;
-        plan_turned(self.planner(), task, &self.tool_m(), attitude, speed_mps)
+        self.planning().plan(task, speed_mps)
+    }
+
+    /// What a plan from here needs, to make it on another thread while the board of an armed robot is kept fed.
+    #[must_use]
+    pub fn planning(&self) -> Planning {
+        Planning {
+            model: self.planner().clone(),
+            tool_m: self.tool_m(),
+            attitude: self.at.equilibrium.pose.rotation,
+        }
     }
 
     /// Plans the rest of the task that a loss of power interrupted, from where the tool is; `hash` is

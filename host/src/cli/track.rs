@@ -161,17 +161,20 @@ impl Started {
             kept_unix_s,
             store,
         } = self;
-        experiment.tracked((tracking, kept_unix_s), looking, move |tracking, lesson| {
+        let keep = store.map(|store| -> Box<dyn FnMut(&Tracking) + Send> {
+            Box::new(move |tracking| {
+                if let Err(error) = store.keep(tracking) {
+                    eprintln!("warning: the tracked state was not kept: {error}");
+                }
+            })
+        });
+        let on_rest = |_: &Tracking, lesson: &Lesson| {
             if let Some(named) = &lesson.named {
                 eprintln!("{named}");
             }
-            if let Some(store) = &store
-                && let Err(error) = store.keep(tracking)
-            {
-                eprintln!("warning: the tracked state was not kept: {error}");
-            }
             rests.borrow_mut().push(lesson.clone());
-        })
+        };
+        experiment.tracked((tracking, kept_unix_s), looking, on_rest, keep)
     }
 }
 

@@ -1,7 +1,7 @@
 //! A task again and again on an armed robot, and what is noticed at its rests.
 
 use super::{Run, in_calibrated_frame};
-use crate::link::{Link, SimulatedLink};
+use crate::link::{Link, SimulatedLink, meanwhile};
 use crate::motion::{Model, Plan, Task};
 use crate::report;
 use crate::robot::{Robot, TagPlace};
@@ -12,6 +12,8 @@ use mcdpr_simulator::TracePoint;
 
 /// Called after every rest that was taken note of.
 pub(super) type OnRest<'a> = dyn FnMut(&Tracking, &Lesson) + 'a;
+/// Keeps a tracked state on a disk, on another thread than the board's.
+pub(super) type Keep = dyn FnMut(&Tracking) + Send;
 /// The true states of a simulated robot since the last call.
 pub(super) type Truth<'a> = dyn FnMut() -> Vec<TracePoint> + 'a;
 
@@ -35,6 +37,7 @@ pub(super) struct Tracked<'a> {
     pub(super) kept_unix_s: Option<u64>,
     pub(super) looking: Looking<'a>,
     pub(super) on_rest: Box<OnRest<'a>>,
+    pub(super) keep: Option<Box<Keep>>,
 }
 
 /// Error of the camera's mounting that a calibration leaves, half widths per axis, m and rad.
@@ -62,6 +65,7 @@ pub(super) fn simulated_eyes<'a>(robot: &Robot, link: &SimulatedLink, seed: u64)
 pub(super) struct Noting<'a> {
     pub(super) eyes: Option<Eyes<'a>>,
     pub(super) on_rest: Box<OnRest<'a>>,
+    pub(super) keep: Option<Box<Keep>>,
 }
 
 impl Noting<'_> {
@@ -70,9 +74,16 @@ impl Noting<'_> {
             camera: camera.as_mut(),
             places,
         });
-        let lesson = session.notice(sight)?;
-        if let Some((lesson, tracking)) = lesson.zip(session.tracking()) {
+        let Some(noticed) = session.notice(sight)? else {
+            return Ok(());
+        };
+        let learnt = meanwhile(session.client(), || noticed.learn())??;
+        let lesson = session.learnt(learnt);
+        if let Some(tracking) = session.tracking() {
             (self.on_rest)(tracking, &lesson);
+        }
+        if let Some((keep, tracking)) = self.keep.as_mut().zip(session.tracking().cloned()) {
+            meanwhile(session.client(), || keep(&tracking))?;
         }
         Ok(())
     }
@@ -98,7 +109,7 @@ impl Laps<'_> {
         let mut plan = first;
         if let Some(noting) = &mut self.noting {
             noting.rest(session)?;
-            plan = session.plan(self.task.clone(), None)?;
+            plan = self.plan(session)?;
         }
         let mut figures = Vec::new();
         loop {
@@ -119,13 +130,20 @@ impl Laps<'_> {
                 return Ok(run);
             }
             self.judge(&mut run);
-            figures.push(run.figures(self.model)?);
+            let model = self.model;
+            figures.push(meanwhile(session.client(), || run.figures(model))??);
             if figures.len() >= self.count {
                 run.laps = figures;
                 return Ok(run);
             }
-            plan = session.plan(self.task.clone(), None)?;
+            plan = self.plan(session)?;
         }
+    }
+
+    /// Plans the task from where the tool of the armed robot is, while its board is kept fed.
+    fn plan<L: Link>(&self, session: &mut Session<'_, L>) -> Result<Plan, RunError> {
+        let (planning, task) = (session.planning(), self.task.clone());
+        meanwhile(session.client(), || planning.plan(task, None))?
     }
 
     /// Adds the truth of a simulated robot's last motion.

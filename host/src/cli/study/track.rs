@@ -139,22 +139,27 @@ impl Cmd {
                 _ => Looking::Blind,
             };
             let tracking = (Tracking::new(model, &prior()), None);
-            experiment = experiment.tracked(tracking, looking, |_, lesson| {
-                let mut rests = rests.borrow_mut();
-                rests.push(lesson.clone());
-                if self.knock_mm > 0.0 && rests.len() == self.laps as usize / 2 {
-                    let cable = random.below(model.robot().cables.len());
-                    let way = Vector3::from_fn(|_, _| random.normal());
-                    let by_m = way.normalize() * self.knock_mm * 1e-3;
-                    let done = link.with(|simulation| {
-                        let plant = simulation.plant_mut();
-                        plant.push_anchor(cable, by_m.into(), KNOCK_S)
-                    });
-                    if done.is_ok() {
-                        knocked.set(Some((cable + 1, rests.len())));
+            experiment = experiment.tracked(
+                tracking,
+                looking,
+                |_, lesson| {
+                    let mut rests = rests.borrow_mut();
+                    rests.push(lesson.clone());
+                    if self.knock_mm > 0.0 && rests.len() == self.laps as usize / 2 {
+                        let cable = random.below(model.robot().cables.len());
+                        let way = Vector3::from_fn(|_, _| random.normal());
+                        let by_m = way.normalize() * self.knock_mm * 1e-3;
+                        let done = link.with(|simulation| {
+                            let plant = simulation.plant_mut();
+                            plant.push_anchor(cable, by_m.into(), KNOCK_S)
+                        });
+                        if done.is_ok() {
+                            knocked.set(Some((cable + 1, rests.len())));
+                        }
                     }
-                }
-            });
+                },
+                None,
+            );
         }
         let run = experiment.simulate_on(&link, seed)?.run;
         Ok(Done {

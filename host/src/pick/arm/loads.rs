@@ -2,6 +2,7 @@
 
 use super::{Arm, lengths, plan, tensions, with_spare};
 use crate::link::Link;
+use crate::motion::PlanError;
 use crate::pick::PickError;
 use crate::recovery::load;
 use crate::run;
@@ -127,19 +128,23 @@ impl<L: Link> Arm<L> {
 
     /// Gives a rest to what is tracked, and plans by it from then on.
     fn teach(&mut self, lengths_m: Vec<f64>, tensions_n: Vec<f64>) -> Result<(), PickError> {
-        let Some(tracking) = &mut self.tracking else {
+        let Some(mut tracking) = self.tracking.take() else {
             return Ok(());
         };
-        let near = tracking
-            .model()
-            .rest_from_lengths(&lengths_m, &tensions_n)?;
-        let rest = AtRest {
-            now_us: self.client.now_us(),
-            lengths_m,
-            tensions_n,
-            ..AtRest::default()
-        };
-        let lesson = tracking.rest(rest, &near.equilibrium.pose)?;
+        let now_us = self.client.now_us();
+        let (tracking, lesson) = self.meanwhile(move |_| -> Result<_, PlanError> {
+            let model = tracking.model();
+            let near = model.rest_from_lengths(&lengths_m, &tensions_n)?;
+            let rest = AtRest {
+                now_us,
+                lengths_m,
+                tensions_n,
+                ..AtRest::default()
+            };
+            let lesson = tracking.rest(rest, &near.equilibrium.pose)?;
+            Ok((tracking, lesson))
+        })??;
+        self.tracking = Some(tracking);
         self.load_known = lesson.fits;
         if let Some(named) = &lesson.named {
             eprintln!("{named}");
