@@ -166,6 +166,15 @@ impl TimeLaw {
         })
     }
 
+    /// The same motion in more time: speed, acceleration and jerk get smaller.
+    pub(crate) fn stretched_to(mut self, duration_s: f64) -> Self {
+        let factor = (duration_s / self.duration_s()).max(1.0);
+        self.jerk_s *= factor;
+        self.rise_s *= factor;
+        self.cruise_s *= factor;
+        self
+    }
+
     fn with_peak(length_m: f64, bounds: Bounds, peak_mps: f64) -> Self {
         let (jerk_s, rise_s) = rise(peak_mps, bounds);
         Self {

@@ -17,6 +17,9 @@ const LEAST_GRIPPER_S: f64 = 0.05;
 /// Share of a drum's greatest speed that a plan uses: the slope of a length is known only at the
 /// solved points.
 const DRUM_SHARE: f64 = 0.995;
+/// A motion whose duration is free takes at least this long, s: a board's knots are 21 ms apart or more, and two
+/// segments do not describe even a motion of a tenth of a millimetre within the tolerance.
+const LEAST_MOVE_S: f64 = 0.1;
 /// A step may start this far from where the one before ends, m.
 const JOIN_M: f64 = 1.1e-5;
 
@@ -239,7 +242,9 @@ impl Timed {
             Some(duration_s) => {
                 TimeLaw::fit_duration(length_m, bounds, duration_s - shaper.delay_s())?
             }
-            None => TimeLaw::fastest(length_m, bounds)?,
+            None => {
+                TimeLaw::fastest(length_m, bounds)?.stretched_to(LEAST_MOVE_S - shaper.delay_s())
+            }
         };
         let duration_s = law.duration_s() + shaper.delay_s();
         // Six modes shaped by ZVD have 729 impulses: each is evaluated at every millisecond.
