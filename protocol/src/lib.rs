@@ -59,7 +59,7 @@ pub use units::{
 /// Version of the wire format: a board is never moved by a host of another major version.
 pub const PROTOCOL_MAJOR: u16 = 0;
 /// Minor version: additions only, once the major version is 1.
-pub const PROTOCOL_MINOR: u16 = 3;
+pub const PROTOCOL_MINOR: u16 = 4;
 
 /// Most cables that one board can drive.
 pub const MAX_CABLES: usize = 8;

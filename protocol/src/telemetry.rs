@@ -103,7 +103,8 @@ pub const SAMPLE_BYTES: usize = 200;
 /// Samples of consecutive ticks.
 ///
 /// Packed per tick and cable, cable 1 first, little-endian: change of length since the tick
-/// before (i16, 0.1 µm), tension (u16, mN); after the cables of every tick with an even position
+/// before (i16, 0.1 µm), tension (u16: below 32,768 mN; from there on 32,768 + 16 mN for each more, up to
+/// 557 N); after the cables of every tick with an even position
 /// in the block, the motor currents (i16, mA), which change no faster than the drive bus.
 #[derive(Debug, Default, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct SampleBlock {
@@ -126,6 +127,37 @@ pub struct Sample {
     pub tension: Millinewtons,
     /// Motor current; of odd ticks, that of the tick before.
     pub current: Milliamps,
+}
+
+/// From here on a sample's tension has steps of 16 mN, mN: they are below the noise of the sensors that reach so far.
+const COARSE_FROM: i32 = 0x8000;
+/// log2 of these steps.
+const COARSE_SHIFT: u32 = 4;
+/// The coarse steps go on where the fine ones end.
+const COARSE_OFFSET: i32 = COARSE_FROM - (COARSE_FROM >> COARSE_SHIFT);
+
+/// A tension in a sample: more than 557 N saturates, a negative reading is 0.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "within 0 and 65535"
+)]
+fn coarse(Millinewtons(tension): Millinewtons) -> u16 {
+    let packed = if tension >= COARSE_FROM {
+        COARSE_OFFSET + (tension >> COARSE_SHIFT)
+    } else {
+        tension
+    };
+    packed.clamp(0, 0xFFFF) as u16
+}
+
+fn fine(packed: u16) -> Millinewtons {
+    let packed = i32::from(packed);
+    Millinewtons(if packed >= COARSE_FROM {
+        (packed - COARSE_OFFSET) << COARSE_SHIFT
+    } else {
+        packed
+    })
 }
 
 impl SampleBlock {
@@ -164,8 +196,7 @@ impl SampleBlock {
             let change = sample.length.0.saturating_sub(before.0);
             let change =
                 i16::try_from(change).unwrap_or(if change < 0 { i16::MIN } else { i16::MAX });
-            // 65.5 N at most on the wire: more saturates. A negative reading is sent as 0.
-            let tension = u16::try_from(sample.tension.0.max(0)).unwrap_or(u16::MAX);
+            let tension = coarse(sample.tension);
             if !self.put(change.to_le_bytes()) || !self.put(tension.to_le_bytes()) {
                 return false;
             }
@@ -218,7 +249,7 @@ impl SampleBlock {
                     .length
                     .0
                     .saturating_add(i32::from(i16::from_le_bytes(*change)));
-                sample.tension.0 = i32::from(u16::from_le_bytes(*tension));
+                sample.tension = fine(u16::from_le_bytes(*tension));
             }
             if position % 2 == 0 {
                 for sample in row.iter_mut() {

@@ -266,7 +266,7 @@ proptest! {
     #[test]
     fn samples_unpack_to_what_was_appended(
         cables in 1..=MAX_CABLES,
-        rows in vec(vec((-32_768..=32_767_i32, 0..=65_535_i32, any::<i16>()), MAX_CABLES), 10),
+        rows in vec(vec((-32_768..=32_767_i32, -50_000..=600_000_i32, any::<i16>()), MAX_CABLES), 10),
     ) {
         let start: Vec<_> = (0..cables as i32).map(|k| TenthMicrometres(k * 1_000_000)).collect();
         let mut block = SampleBlock {
@@ -295,7 +295,12 @@ proptest! {
             prop_assert_eq!(ticks[position], Tick(u32::MAX - 3).after(position as u32));
             for (cable, sample) in row.iter().enumerate() {
                 let even = &truth[position - position % 2][cable];
-                let expected = Sample { current: even.current, ..truth[position][cable] };
+                let true_mn = truth[position][cable].tension.0.clamp(0, 557_040);
+                // One millinewton up to 32.768 N, steps of 16 above.
+                let off_mn = true_mn - sample.tension.0;
+                let step_mn = if true_mn > 32_768 { 16 } else { 1 };
+                prop_assert!((0..step_mn).contains(&off_mn));
+                let expected = Sample { current: even.current, tension: sample.tension, ..truth[position][cable] };
                 prop_assert_eq!(*sample, expected);
             }
         }
