@@ -8,8 +8,9 @@ use mcdpr::robot::{Control, Robot};
 use nalgebra::Vector3;
 
 /// Robots that are held otherwise than the paper's.
-const OTHERS: [&str; 5] = [
+const OTHERS: [&str; 6] = [
     "eight-cable",
+    "eight-suspended",
     "six-cable",
     "three-point",
     "planar-four",
@@ -51,7 +52,12 @@ fn every_kind_of_robot_follows_a_path_that_fits_it() {
 
 #[test]
 fn tensions_do_not_jump_and_are_the_same_on_the_way_back() {
-    for name in ["eight-cable", "planar-four", "planar-vertical"] {
+    for name in [
+        "eight-cable",
+        "eight-suspended",
+        "planar-four",
+        "planar-vertical",
+    ] {
         let model = model(name);
         let robot = model.robot();
         let range_n = robot.limits.tension_max_n - robot.limits.tension_min_n;

@@ -169,8 +169,12 @@ fn run(line: &str, folder: &Path) -> Output {
 fn reader_folder(name: &str, text: &str) -> Folder {
     let folder = Folder::new(&name.replace('/', "-"));
     copy(&root().join("robots"), &folder.path().join("robots"));
-    for block in blocks(text).iter().filter(|b| b.language == "toml") {
-        let named = quoted(&block.before).find(|word| word.ends_with(".toml"));
+    let examples = ["toml", "text"];
+    let blocks = blocks(text);
+    let blocks = blocks.iter();
+    for block in blocks.filter(|b| examples.contains(&b.language.as_str())) {
+        let named = quoted(&block.before)
+            .find(|word| [".toml", ".nc"].iter().any(|end| word.ends_with(end)));
         if let Some(file) = named.filter(|file| !file.contains('/')) {
             std::fs::write(folder.path().join(file), &block.content).unwrap();
         }

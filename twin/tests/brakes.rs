@@ -57,13 +57,14 @@ fn rubs(name: &str) -> bool {
 }
 
 /// Every robot file that hangs at home.
-const ROBOTS: [&str; 10] = [
+const ROBOTS: [&str; 11] = [
     "paper-optimistic",
     "paper-table3",
     "paper-table5",
     "lab-fast",
     "lab-direct",
     "eight-cable",
+    "eight-suspended",
     "six-cable",
     "three-point",
     "planar-four",

@@ -3,13 +3,19 @@
 //!
 //! Understood: `G0` `G1` `G2` `G3` (arcs in the horizontal plane by `I` `J`, no change of height),
 //! `G4 P` (seconds), `G17`, `G21`, `G90` `G91`, `M3` (close the gripper), `M5` (open it), `M2`
-//! `M30` (end), `F` (mm/min), `N` numbers, comments in parentheses or after a semicolon. Anything
-//! else is refused with its line and column, because a skipped word could be an important one.
+//! `M30` (end), `F` (mm/min), `N` numbers, comments in parentheses or after a semicolon, and `A` `B` `C`:
+//! roll, pitch and yaw of the platform at the end of a move, degrees, R = Rz(C) Ry(B) Rx(A). A move
+//! of these alone turns the platform in place, and `F` is degrees a minute there. Anything else is
+//! refused with its line and column, because a skipped word could be an important one.
 
-use super::path::{Path, PathError, Piece, near};
+mod words;
+
+use self::words::{Word, Wrong, words};
+use super::path::{Path, PathError, Piece, TURN_LEVER_M, near};
 use super::plan::MOST_STEPS;
 use super::timed::Step;
-use nalgebra::Vector3;
+use mcdpr_kinematics::rotation_from_rpy;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 /// Endings of G-code files' names, without the dot, in lower case.
 pub const GCODE_ENDINGS: [&str; 4] = ["gcode", "nc", "ngc", "g"];
@@ -36,30 +42,42 @@ pub(super) struct GCodeError {
     pub message: String,
 }
 
-/// One letter with its number.
-#[derive(Debug, Clone, Copy)]
-struct Word {
-    letter: char,
-    value: f64,
-    column: usize,
-}
-
 /// State that carries over from line to line.
 struct Machine {
     /// Position of the tool, mm; unknown until all of X, Y and Z were given.
     at_mm: [Option<f64>; 3],
+    /// A, B and C, degrees.
+    turned_deg: [f64; 3],
+    /// Whether the program gives an attitude.
+    turns: bool,
     absolute: bool,
     /// G0 to G3.
     motion: Option<u8>,
     feed_mm_min: Option<f64>,
     start_m: Option<Vector3<f64>>,
+    start_deg: [f64; 3],
     steps: Vec<Step>,
 }
 
-/// Start (the first complete place) and steps of a program.
-pub(super) fn read(text: &str) -> Result<(Option<Vector3<f64>>, Vec<Step>), GCodeError> {
+/// A program as a task.
+#[derive(Debug)]
+pub(super) struct Program {
+    /// The first complete place, world, m.
+    pub start_m: Option<Vector3<f64>>,
+    /// The attitude there (world_from_platform), of a program that gives any: level, where it gives it
+    /// later.
+    pub start_attitude: Option<Rotation3<f64>>,
+    /// What it does from there.
+    pub steps: Vec<Step>,
+}
+
+/// Reads a program.
+pub(super) fn read(text: &str) -> Result<Program, GCodeError> {
     let mut machine = Machine {
         at_mm: [None; 3],
+        turned_deg: [0.0; 3],
+        turns: false,
+        start_deg: [0.0; 3],
         absolute: true,
         motion: None,
         feed_mm_min: None,
@@ -96,63 +114,18 @@ pub(super) fn read(text: &str) -> Result<(Option<Vector3<f64>>, Vec<Step>), GCod
             message: "the program gives no complete position: give X, Y and Z once".to_owned(),
         });
     }
-    Ok((machine.start_m, machine.steps))
-}
-
-type Wrong = (usize, String);
-
-fn words(line: &str) -> Result<Vec<Word>, Wrong> {
-    let letters: Vec<char> = line.chars().collect();
-    let mut words = Vec::new();
-    let mut at = 0;
-    while let Some(&letter) = letters.get(at) {
-        let column = at + 1;
-        at += 1;
-        match letter {
-            ';' => break,
-            // The mark at the start and end of a program tape.
-            '%' if words.is_empty() => break,
-            '(' => {
-                let end = letters.iter().skip(at).position(|&c| c == ')');
-                let end = end.ok_or((column, "this comment has no end".to_owned()))?;
-                at += end + 1;
-            }
-            c if c.is_whitespace() => {}
-            c if c.is_ascii_alphabetic() => {
-                while letters.get(at).is_some_and(|c| c.is_whitespace()) {
-                    at += 1;
-                }
-                let number: String = letters
-                    .iter()
-                    .skip(at)
-                    .take_while(|c| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
-                    .collect();
-                let value: f64 = number.parse().map_err(|_| {
-                    let there = letters.iter().skip(at).take_while(|c| !c.is_whitespace());
-                    let there: String = there.take(12).collect();
-                    let shown = if there.is_empty() { "nothing" } else { &there };
-                    (at + 1, format!("{c} needs a number, there is {shown}"))
-                })?;
-                if !value.is_finite() {
-                    return Err((at + 1, format!("{c}{number} is not a finite number")));
-                }
-                words.push(Word {
-                    letter: c.to_ascii_uppercase(),
-                    value,
-                    column,
-                });
-                at += number.chars().count();
-            }
-            other => return Err((column, format!("{other:?} has no meaning here"))),
-        }
-    }
-    Ok(words)
+    Ok(Program {
+        start_m: machine.start_m,
+        start_attitude: machine.turns.then(|| attitude(machine.start_deg)),
+        steps: machine.steps,
+    })
 }
 
 impl Machine {
     /// Reads one line; returns whether the program ends with it.
     fn block(&mut self, words: &[Word]) -> Result<bool, Wrong> {
         let mut axes: [Option<Word>; 3] = [None; 3];
+        let mut turns: [Option<Word>; 3] = [None; 3];
         let (mut offset_i, mut offset_j, mut wait) = (None, None, None);
         let (mut dwell, mut ended) = (None, false);
         let mut gripper = None;
@@ -188,6 +161,9 @@ impl Machine {
                 'X' => axes[0] = Some(*word),
                 'Y' => axes[1] = Some(*word),
                 'Z' => axes[2] = Some(*word),
+                'A' => turns[0] = Some(*word),
+                'B' => turns[1] = Some(*word),
+                'C' => turns[2] = Some(*word),
                 'I' => offset_i = Some(*word),
                 'J' => offset_j = Some(*word),
                 'P' => wait = Some(*word),
@@ -203,7 +179,7 @@ impl Machine {
             if seconds.value < 0.0 {
                 return Err((seconds.column, "a wait is 0 or more seconds".to_owned()));
             }
-            if let Some(word) = axes.iter().flatten().next() {
+            if let Some(word) = axes.iter().chain(&turns).flatten().next() {
                 return Err((word.column, "G4 does not move".to_owned()));
             }
             self.steps.push(Step::Dwell {
@@ -211,16 +187,45 @@ impl Machine {
             });
         } else if let Some(word) = wait {
             return Err((word.column, "P belongs to G4".to_owned()));
-        } else if axes.iter().any(Option::is_some) || offset_i.is_some() || offset_j.is_some() {
-            let column = words.first().map_or(1, |word| word.column);
-            self.travel(column, axes, offset_i, offset_j)?;
+        } else {
+            let from_deg = self.turned_deg;
+            self.turn(turns)?;
+            let places = axes.iter().chain(&turns).any(Option::is_some);
+            if places || offset_i.is_some() || offset_j.is_some() {
+                let column = words.first().map_or(1, |word| word.column);
+                self.travel(column, from_deg, axes, offset_i, offset_j)?;
+            }
         }
         Ok(ended)
+    }
+
+    /// Takes the angles of a block.
+    fn turn(&mut self, turns: [Option<Word>; 3]) -> Result<(), Wrong> {
+        for (angle_deg, word) in self.turned_deg.iter_mut().zip(turns) {
+            let Some(Word { value, column, .. }) = word else {
+                continue;
+            };
+            let by_deg = if self.absolute {
+                value - *angle_deg
+            } else {
+                value
+            };
+            // The platform turns about one axis by the shortest way: half a turn has none.
+            if self.start_m.is_some() && by_deg.abs() >= 180.0 {
+                let message =
+                    "a turn of half a turn or more has no shortest way: give places between";
+                return Err((column, message.to_owned()));
+            }
+            *angle_deg += by_deg;
+            self.turns = true;
+        }
+        Ok(())
     }
 
     fn travel(
         &mut self,
         column: usize,
+        from_deg: [f64; 3],
         axes: [Option<Word>; 3],
         offset_i: Option<Word>,
         offset_j: Option<Word>,
@@ -259,9 +264,15 @@ impl Machine {
                 return Err((column, "the first move must be G0 or G1".to_owned()));
             }
             self.start_m = Some(to_m);
+            self.start_deg = self.turned_deg;
             return Ok(());
         };
-        let piece = if motion < 2 {
+        let to = attitude(self.turned_deg);
+        let turn = UnitQuaternion::from_rotation_matrix(&(attitude(from_deg).inverse() * to));
+        let in_place = motion < 2 && (to_m - from_m).norm() < 1e-6 && turn.angle() > 1e-9;
+        let piece = if in_place {
+            Piece::turn(to_m, turn.angle()).map_err(wrong)?
+        } else if motion < 2 {
             if let Some(word) = offset_i.or(offset_j) {
                 return Err((word.column, format!("{} belongs to G2 and G3", word.letter)));
             }
@@ -274,19 +285,31 @@ impl Machine {
             arc(column, motion, from_m, to_m, offset_i, offset_j)?
         };
         let speed_mps = match (motion, self.feed_mm_min) {
-            // G0 is as fast as the robot may be; F is in mm/min.
+            // G0 is as fast as the robot may be; F is in mm/min, of a turn in place in degrees/min.
             (0, _) => None,
+            (_, Some(feed)) if in_place => Some(feed.to_radians() / 60.0 * TURN_LEVER_M),
             (_, Some(feed)) => Some(feed / 60e3),
+            (_, None) if in_place => {
+                return Err((column, "no speed yet: give F, degrees/min".to_owned()));
+            }
             (_, None) => return Err((column, "no speed yet: give F, mm/min".to_owned())),
         };
+        let turns = from_deg != self.turned_deg;
         // The end is where the piece ends: rounding must not add up over a program.
         self.steps.push(Step::Move {
-            path: Path::new(vec![piece]).map_err(wrong)?,
+            path: Path::new(vec![piece])
+                .map_err(wrong)?
+                .turning_to(turns.then_some(to)),
             duration_s: None,
             speed_mps,
         });
         Ok(())
     }
+}
+
+/// A, B and C in degrees as a rotation.
+fn attitude(degrees: [f64; 3]) -> Rotation3<f64> {
+    rotation_from_rpy(degrees.map(f64::to_radians))
 }
 
 /// An arc of G2 or G3: from here about (I, J) to there.
@@ -336,86 +359,4 @@ fn arc(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn length_mm(step: &Step) -> f64 {
-        match step {
-            Step::Move { path, .. } => path.length_m() * 1e3,
-            _ => 0.0,
-        }
-    }
-
-    #[test]
-    fn the_gripper_acts_before_the_move_of_its_block() {
-        let (_, steps) = read("G90 G0 X300 Y0 Z-180\nG1 X310 M3 F600\nM5 G4 P1").unwrap();
-        assert!(matches!(
-            steps[..],
-            [
-                Step::Gripper { closed: true },
-                Step::Move { .. },
-                Step::Gripper { closed: false },
-                Step::Dwell { .. }
-            ]
-        ));
-    }
-
-    #[test]
-    fn a_program_of_every_word_is_understood() {
-        let text = "%\n(a square with a round corner) G21 G90 G17\n\
-            N10 G0 X300 Y0 Z-180 ; start\nG1 X340 F600\nG3 X360 Y20 I0 J20\nG2 X360 Y20 I-10 J0\n\
-            G4 P0.5\nM3\nG91\ng1 y 20\nG90 G0 Z-190\nM5\nM30\nnot read any more";
-        let (start, steps) = read(text).unwrap();
-        assert_eq!(start, Some(Vector3::new(0.3, 0.0, -0.18)));
-        let lengths: Vec<_> = steps.iter().map(length_mm).collect();
-        let quarter = std::f64::consts::PI * 10.0;
-        let wanted = [40.0, quarter, 2.0 * quarter, 0.0, 0.0, 20.0, 10.0, 0.0];
-        assert_eq!(lengths.len(), wanted.len(), "{steps:?}");
-        for (length, wanted) in lengths.iter().zip(wanted) {
-            assert!((length - wanted).abs() < 1e-9, "{length} {wanted}");
-        }
-        assert!(
-            matches!(steps[0], Step::Move { speed_mps: Some(v), .. } if (v - 0.01).abs() < 1e-12)
-        );
-        assert!(matches!(steps[3], Step::Dwell { duration_s } if (duration_s - 0.5).abs() < 1e-12));
-        assert!(matches!(steps[4], Step::Gripper { closed: true }));
-        assert!(matches!(
-            steps[6],
-            Step::Move {
-                speed_mps: None,
-                ..
-            }
-        ));
-    }
-
-    #[test]
-    fn malformed_programs_are_refused_with_line_and_column() {
-        for (text, line, column, words) in [
-            ("G0 X300 Y0 Z-180\nG1 X", 2, 5, "X needs a number"),
-            ("G0 X300 Y0 Z-180\n  G1 X1..2 F5", 2, 7, "X needs a number"),
-            ("G0 X300 Y0 Z-180\nG1 X310", 2, 1, "no speed"),
-            ("X300", 1, 1, "without G0"),
-            ("G0 X300 Y0 Z-180\nG1 X300 F10", 2, 1, "no length"),
-            ("G0 X300 Y0 Z-180\nG5 X1", 2, 1, "G5 is not understood"),
-            ("G20", 1, 1, "inches"),
-            ("G0 X300 Y0 Z-180\nG2 X310 F10", 2, 1, "centre"),
-            ("G0 X300 Y0 Z-180\nG2 X310 I3 F10", 2, 1, "from its centre"),
-            ("G0 X300 Y0 Z-180\nG3 X310 Z-170 I5 F10", 2, 1, "height"),
-            ("G0 X300 Y0 Z-180\nG4", 2, 1, "P"),
-            ("G91 G1 X3 F1", 1, 8, "G91 before"),
-            ("G0 X300 (never ends", 1, 9, "no end"),
-            ("G0 X300 Y0 Z#1", 1, 13, "needs a number, there is #1"),
-            ("G1 F-3", 1, 4, "over 0"),
-            ("G0 X300", 1, 1, "complete position"),
-        ] {
-            let error = read(text).unwrap_err();
-            assert!(error.message.contains(words), "{text:?}: {}", error.message);
-            assert_eq!(
-                (error.line, error.column),
-                (line, column),
-                "{text:?}: {}",
-                error.message
-            );
-        }
-    }
-}
+mod tests;

@@ -4,7 +4,7 @@ use super::drift::Drift;
 use super::options::{PlanOptions, Planner, Tensioning};
 use super::plan::PlanError;
 use super::schedule;
-use crate::holding::Holding;
+use crate::holding::{Freedom, Holding};
 use crate::machine;
 use crate::robot::{Control, Limits, Robot};
 use mcdpr_kinematics::{AnyRobot, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions};
@@ -102,6 +102,22 @@ impl Model {
                 what,
                 robot: self.robot.name.clone(),
             })
+    }
+
+    /// Refuses a robot that neither hangs on three lengths and a tension nor has lengths that hold its whole pose;
+    /// `what` needs one of them.
+    ///
+    /// # Errors
+    /// [`PlanError::Placed`].
+    pub fn placed(&self, what: &'static str) -> Result<(), PlanError> {
+        let hangs = self.holding.hangs() && self.holding.first_by_tension().is_some();
+        if hangs || self.holding.freedom() == Freedom::Pose {
+            return Ok(());
+        }
+        Err(PlanError::Placed {
+            what,
+            robot: self.robot.name.clone(),
+        })
     }
 
     /// The same robot with other planning options.

@@ -61,12 +61,27 @@ pub enum PlanError {
         /// The robot's name.
         robot: String,
     },
+    /// What is made for a platform that hangs, or whose whole pose lengths hold.
+    #[error(
+        "{what} needs a platform that hangs on three cables held by length and at least one by tension, or one that six \
+         lengths place and turn; {robot} is held otherwise"
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::placed),
+        help("choose another robot; docs/robot-file.md says what each kind of robot can do")
+    )]
+    Placed {
+        /// What was asked for.
+        what: &'static str,
+        /// The robot's name.
+        robot: String,
+    },
     /// An attitude that the robot cannot take.
     #[error("step {step} asks for an attitude, but {why}")]
     #[diagnostic(
         code(mcdpr::plan::attitude),
         help(
-            "leave out attitude_deg and start_attitude_deg of the task, or choose a robot that has it"
+            "leave out attitude_deg and start_attitude_deg of the task (A, B and C of G-code), or choose a robot that has it"
         )
     )]
     Attitude {

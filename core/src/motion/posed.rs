@@ -75,6 +75,17 @@ impl Model {
         self.posed(&pose, tensions_n).map_err(nowhere)
     }
 
+    /// The robot at rest at a pose (world_from_platform), tensions as where a plan asks for it. For a robot whose
+    /// lengths hold its attitude.
+    ///
+    /// # Errors
+    /// [`PlanError::NoEquilibrium`] where no tensions within the limits hold it there,
+    /// [`PlanError::OffPlane`].
+    pub fn rest_at_pose(&self, pose: &Pose) -> Result<StaticState, PlanError> {
+        let tool_m = pose.transform(&self.robot().tool.tcp_in_platform_m);
+        self.rest_turned(&tool_m, &pose.rotation)
+    }
+
     /// Tensions that hold a pose.
     fn distributed(&self, pose: &Pose) -> Result<CableVec<f64>, Error> {
         let robot = self.robot();

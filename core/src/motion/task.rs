@@ -277,11 +277,11 @@ impl Task {
     pub fn parse_gcode(text: &str, path: PathBuf) -> Result<Self, TaskError> {
         let name = path.display().to_string();
         match gcode::read(text) {
-            Ok((start_m, steps)) => Ok(Self {
+            Ok(program) => Ok(Self {
                 name,
-                start_m,
-                start_attitude: None,
-                steps,
+                start_m: program.start_m,
+                start_attitude: program.start_attitude,
+                steps: program.steps,
             }),
             Err(error) => Err(TaskError::GCode {
                 path,

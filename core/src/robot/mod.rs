@@ -75,6 +75,10 @@ pub const BUILT_IN: &[(&str, &str)] = &[
         "eight-two-boards",
         include_str!("../../../robots/eight-two-boards.toml"),
     ),
+    (
+        "eight-suspended",
+        include_str!("../../../robots/eight-suspended.toml"),
+    ),
     ("six-cable", include_str!("../../../robots/six-cable.toml")),
     (
         "planar-vertical",

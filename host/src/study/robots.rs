@@ -16,8 +16,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 /// The shipped robots of other kinds than the paper's.
-pub(crate) const KINDS: [&str; 5] = [
+pub(crate) const KINDS: [&str; 6] = [
     "eight-cable",
+    "eight-suspended",
     "six-cable",
     "three-point",
     "planar-four",

@@ -1,7 +1,7 @@
 //! High up, where cables are flat and tight, the platform stands still: with a current as its output and too little
 //! damping the machine of seed 21 shook at 8 Hz there, more and more, until its board stopped it.
 
-use mcdpr::calibration::collect::{Reach, way};
+use mcdpr::calibration::collect::{Asked, Reach, way};
 use mcdpr::experiment::SimulatedRobot;
 use mcdpr::link::{Client, Event};
 use mcdpr::machine::{self, Mismatch};
@@ -28,7 +28,11 @@ fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
         .find_map(|below_mm| {
             let at_m = Vector3::new(0.48, 0.11, -1e-3 * f64::from(below_mm));
             (20..34).rev().find_map(|tension_n| {
-                let rest = reach.rest(&at_m, f64::from(tension_n), Some(&home))?;
+                let rest = reach.rest(&Asked {
+                    at_m,
+                    attitude: home.equilibrium.pose.rotation,
+                    tension_n: f64::from(tension_n),
+                })?;
                 let way = way(&reach, robot, &home, &rest, 0.5, &[0.0; 4])?;
                 Some((rest, way))
             })

@@ -55,7 +55,7 @@ impl<'a> Choice<'a> {
             ));
         }
         let work = reach.work(WORK, options.seed, halt);
-        let mut all = sketch.candidates(reach.held());
+        let mut all = sketch.candidates(reach.held().unwrap_or(0));
         let done = all.len();
         all.extend(found);
         let design = Design::while_wanted(&known, &all, &work, &Estimator::default(), halt.clone());

@@ -8,7 +8,7 @@ mod skeleton;
 mod still;
 mod travel;
 
-pub use reach::Reach;
+pub use reach::{Asked, Reach};
 pub use recheck::recheck;
 pub(crate) use skeleton::{Sketch, of_this_robot};
 pub use still::Still;
@@ -186,12 +186,7 @@ pub fn collect<L: Link, S: TagSource>(
     mut keep: impl FnMut(&Data) -> Result<(), CollectError>,
     mut progress: impl FnMut(Step),
 ) -> Result<Data, CollectError> {
-    let reach = Reach::new(model).ok_or_else(|| {
-        CollectError::impossible(
-            "no cable of this robot is held by tension, so it can hang in one way only",
-            "set control = \"tension\" for one cable",
-        )
-    })?;
+    let reach = Reach::new(model)?;
     let mut client = Client::connect(link, options.session.unwrap_or_else(run::new_session))?;
     client.obey(options.orders.clone());
     let hash = run::configure(&mut client, model.robot())?;

@@ -5,12 +5,12 @@ use super::super::views::{MARGIN_PX, SEEN_PX, views_within};
 use super::super::{Data, data::View};
 use super::skeleton::ANCHOR_TOLERANCE_M;
 use super::travel;
-use crate::motion::{Model, StaticState};
+use crate::motion::{Model, PlanError, StaticState};
 use mcdpr_core::random::Random;
 use mcdpr_kinematics::{
     AnyRobot, Cable, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions,
 };
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 /// Margin to the tension limits for errors of sensors and pulleys, N, and as a share of the limit.
 const TENSION_ROOM_N: f64 = 0.3;
@@ -26,11 +26,25 @@ const FELT: f64 = 0.03;
 /// Share of the tilt limit that is used.
 const TILT_SHARE: f64 = 0.9;
 
-/// The resting poses of a robot whose tension-held cable can be set freely.
+/// Where a robot is asked to rest.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked {
+    /// The platform's origin, world, m.
+    pub at_m: Vector3<f64>,
+    /// Attitude (world_from_platform): where gravity decides it, one near to it.
+    pub attitude: Rotation3<f64>,
+    /// Tension of the tension-held cable of a platform that hangs, N. Otherwise the tensions follow from
+    /// the pose.
+    pub tension_n: f64,
+}
+
+/// The resting poses of a robot: of a platform that hangs any place and held tension, of one whose lengths hold
+/// its attitude any place and attitude.
 #[derive(Debug, Clone)]
 pub struct Reach<'a> {
     model: &'a Model,
-    held: usize,
+    /// The cable whose tension can be set freely.
+    held: Option<usize>,
     least_n: f64,
     ceiling_n: f64,
     builds: Vec<Build>,
@@ -84,14 +98,19 @@ fn builds(model: &Model) -> Vec<Build> {
 }
 
 impl<'a> Reach<'a> {
-    /// `None` for a robot without a tension-held cable.
-    #[must_use]
-    pub fn new(model: &'a Model) -> Option<Self> {
+    /// # Errors
+    /// [`PlanError::Placed`] for a robot that neither hangs on three lengths and a tension nor has lengths that hold
+    /// its whole pose.
+    pub fn new(model: &'a Model) -> Result<Self, PlanError> {
+        model.placed("collecting")?;
         let robot = model.robot();
-        let held = model.holding().first_by_tension()?;
-        let winch = robot.winch_of(held)?;
+        let held = model.holding().first_by_tension();
+        let held = held.filter(|_| model.holding().hangs());
         let limits = &robot.limits;
-        let most = limits.tension_max_n.min(winch.tension_max_n);
+        let winches = held.and_then(|held| robot.winch_of(held));
+        let most = winches.map_or(limits.tension_max_n, |winch| {
+            limits.tension_max_n.min(winch.tension_max_n)
+        });
         let mut out = Self {
             model,
             held,
@@ -102,71 +121,41 @@ impl<'a> Reach<'a> {
         };
         let home = model.rest_at_home().ok();
         out.home = home.filter(|home| out.within(home) && out.robust(home));
-        Some(out)
+        Ok(out)
     }
 
-    /// The tension-held cable, from 0.
+    /// The cable whose tension can be set freely, from 0; `None` where the tensions follow from the pose.
     #[must_use]
-    pub const fn held(&self) -> usize {
+    pub const fn held(&self) -> Option<usize> {
         self.held
     }
 
-    /// How the robot hangs with the platform's origin at `at_m` (world) and the held cable at
-    /// `tension_n`; `None` if it cannot, or not within its limits with a margin.
+    /// How the robot rests where it is asked to; `None` if it cannot, or not within its limits with a margin.
     #[must_use]
-    pub fn rest(
-        &self,
-        at_m: &Vector3<f64>,
-        tension_n: f64,
-        near: Option<&StaticState>,
-    ) -> Option<StaticState> {
-        let guess = near.map_or(EquilibriumGuess::Cold, |rest| {
-            EquilibriumGuess::Attitude(rest.equilibrium.pose.rotation)
-        });
-        self.found(at_m, tension_n, guess)
-    }
-
-    /// As [`Reach::rest`], with an attitude near to that of a pose.
-    fn hang(&self, at_m: &Vector3<f64>, tension_n: f64, near: &Pose) -> Option<StaticState> {
-        self.found(at_m, tension_n, EquilibriumGuess::Attitude(near.rotation))
-    }
-
-    /// As [`Reach::rest`], without checking its limits.
-    pub(super) fn anyhow(
-        &self,
-        at_m: &Vector3<f64>,
-        tension_n: f64,
-        near: &StaticState,
-    ) -> Option<StaticState> {
-        let guess = EquilibriumGuess::Attitude(near.equilibrium.pose.rotation);
-        let rest = self.equilibrium(at_m, tension_n, guess)?;
-        rest.equilibrium.stable.then_some(rest)
-    }
-
-    fn found(
-        &self,
-        at_m: &Vector3<f64>,
-        tension_n: f64,
-        guess: EquilibriumGuess,
-    ) -> Option<StaticState> {
-        let rest = self.equilibrium(at_m, tension_n, guess)?;
+    pub fn rest(&self, asked: &Asked) -> Option<StaticState> {
+        let rest = self.equilibrium(asked, EquilibriumGuess::Attitude(asked.attitude))?;
         self.within(&rest).then_some(rest)
     }
 
-    fn equilibrium(
-        &self,
-        at_m: &Vector3<f64>,
-        tension_n: f64,
-        guess: EquilibriumGuess,
-    ) -> Option<StaticState> {
+    /// As [`Reach::rest`], without checking its limits.
+    pub(super) fn anyhow(&self, asked: &Asked) -> Option<StaticState> {
+        let rest = self.equilibrium(asked, EquilibriumGuess::Attitude(asked.attitude))?;
+        rest.equilibrium.stable.then_some(rest)
+    }
+
+    fn equilibrium(&self, asked: &Asked, guess: EquilibriumGuess) -> Option<StaticState> {
+        let Some(held) = self.held else {
+            let pose = Pose::new(asked.at_m, asked.attitude);
+            return self.model.rest_at_pose(&pose).ok();
+        };
         let robot = self.model.robot();
         let mut tensions = vec![None; robot.cables.len()];
-        *tensions.get_mut(self.held)? = Some(tension_n);
+        *tensions.get_mut(held)? = Some(asked.tension_n);
         let options = StaticOptions::default();
         let equilibrium = self
             .model
             .geometry()
-            .equilibrium_at(&Vector3::zeros(), at_m, &tensions, guess, &options)
+            .equilibrium_at(&Vector3::zeros(), &asked.at_m, &tensions, guess, &options)
             .ok()?;
         Some(self.model.with_lengths(equilibrium))
     }
@@ -237,7 +226,7 @@ impl<'a> Reach<'a> {
             .zip(rest.tensions_n())
             .enumerate()
             .map(|(i, ((length, offset), tension))| {
-                if i == self.held {
+                if self.model.holding().by_tension().contains(&i) {
                     Held::Tension(tension * build.felt)
                 } else {
                     Held::Length(length + offset)
@@ -252,14 +241,35 @@ impl<'a> Reach<'a> {
             .ok()
     }
 
-    /// A resting place at random: anywhere in the robot's box, any tension in its range.
+    /// A resting place at random: anywhere in the robot's box, and any tension in its range or any attitude within
+    /// the limit of its tilt.
     fn random(&self, random: &mut Random) -> Option<StaticState> {
         let [low, high] = self.model.robot().search_box_in_world_m();
-        let tool = Vector3::from_fn(|k, _| low[k] + (high[k] - low[k]) * random.unit());
+        let tool_m = Vector3::from_fn(|k, _| low[k] + (high[k] - low[k]) * random.unit());
+        let tcp_m = self.model.robot().tool.tcp_in_platform_m;
+        if self.held.is_none() {
+            let attitude = self.turned(&Rotation3::identity(), 1.0, random);
+            return self.rest(&Asked {
+                at_m: tool_m - attitude * tcp_m,
+                attitude,
+                tension_n: 0.0,
+            });
+        }
         let tension_n = self.least_n * (self.ceiling_n / self.least_n).powf(random.unit());
-        // The box is the tool's; the platform hangs above it.
-        let at = tool - self.model.robot().tool.tcp_in_platform_m;
-        self.rest(&at, tension_n, None)
+        let asked = Asked {
+            // The box is the tool's; the platform hangs above it.
+            at_m: tool_m - tcp_m,
+            attitude: Rotation3::identity(),
+            tension_n,
+        };
+        let rest = self.equilibrium(&asked, EquilibriumGuess::Cold)?;
+        self.within(&rest).then_some(rest)
+    }
+
+    /// An attitude within `size` times the limit of the tilt of another, about every axis.
+    fn turned(&self, from: &Rotation3<f64>, size: f64, random: &mut Random) -> Rotation3<f64> {
+        let most_rad = self.model.robot().limits.tilt_max_rad * TILT_SHARE * size;
+        from * Rotation3::new(Vector3::from_fn(|_, _| random.within(most_rad)))
     }
 
     /// Resting places with tags in view, at random; `data` has camera, tags and their places. Fewer if `halt` is
@@ -274,7 +284,7 @@ impl<'a> Reach<'a> {
     }
 
     /// A resting pose with tags in view near a candidate: within `size` times 0.1 m, and its
-    /// tension within a factor of e to the `size`.
+    /// tension within a factor of e to the `size`, or its attitude within `size` times the limit of the tilt.
     pub(super) fn near(
         &self,
         data: &Data,
@@ -282,17 +292,34 @@ impl<'a> Reach<'a> {
         size: f64,
         random: &mut Random,
     ) -> Option<Candidate> {
-        let at = candidate.pose.position_m + Vector3::from_fn(|_, _| random.within(0.1 * size));
-        let tension_n = candidate.tensions_n.get(self.held)? * random.within(size).exp();
-        let tension_n = tension_n.clamp(self.least_n, self.ceiling_n);
-        self.seen(data, &self.hang(&at, tension_n, &candidate.pose)?)
+        let at_m = candidate.pose.position_m + Vector3::from_fn(|_, _| random.within(0.1 * size));
+        let mut asked = Asked {
+            at_m,
+            attitude: candidate.pose.rotation,
+            tension_n: 0.0,
+        };
+        match self.held {
+            Some(held) => {
+                let tension_n = candidate.tensions_n.get(held)? * random.within(size).exp();
+                asked.tension_n = tension_n.clamp(self.least_n, self.ceiling_n);
+            }
+            None => asked.attitude = self.turned(&asked.attitude, size.min(1.0), random),
+        }
+        self.seen(data, &self.rest(&asked)?)
     }
 
-    /// How the robot hangs at a candidate.
+    /// How the robot rests at a candidate.
     #[must_use]
     pub fn at(&self, candidate: &Candidate) -> Option<StaticState> {
-        let tension_n = *candidate.tensions_n.get(self.held)?;
-        self.hang(&candidate.pose.position_m, tension_n, &candidate.pose)
+        let tension_n = match self.held {
+            Some(held) => *candidate.tensions_n.get(held)?,
+            None => 0.0,
+        };
+        self.rest(&Asked {
+            at_m: candidate.pose.position_m,
+            attitude: candidate.pose.rotation,
+            tension_n,
+        })
     }
 
     /// The candidate at a resting pose, if the varied robots can hang there and move there, and see
@@ -316,7 +343,7 @@ impl<'a> Reach<'a> {
         (!views.is_empty()).then(|| Candidate {
             pose,
             tensions_n: rest.tensions_n().to_vec(),
-            held: self.held,
+            held: self.held.unwrap_or(0),
             views,
         })
     }

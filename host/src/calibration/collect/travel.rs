@@ -1,13 +1,13 @@
 //! Moves between resting poses: knots for a board, slowly, with every state on the way within the
 //! robot's limits.
 
-use super::reach::Reach;
+use super::reach::{Asked, Reach};
 use crate::motion::StaticState;
 use crate::motion::knot;
 use crate::motion::spline::{Ends, Spline};
 use crate::robot::Robot;
 use mcdpr_protocol::Knot;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, UnitQuaternion};
 
 /// Share of the drives' speed that is used.
 const SPEED_SHARE: f64 = 0.7;
@@ -41,26 +41,32 @@ pub struct Transfer {
     pub duration_s: f64,
 }
 
-/// States along the straight line of the platform's origin, the held tension changing in
+/// States along the straight line of the platform's origin, the held tension or the attitude changing in
 /// proportion; `None` if `hang` fails at one.
 fn states(
     reach: &Reach<'_>,
     (from, to): (&StaticState, &StaticState),
     shares: &[f64],
-    hang: impl Fn(&Vector3<f64>, f64, &StaticState) -> Option<StaticState>,
+    hang: impl Fn(&Asked) -> Option<StaticState>,
 ) -> Option<Vec<StaticState>> {
-    let held = reach.held();
-    let (a, b) = (
-        from.equilibrium.pose.position_m,
-        to.equilibrium.pose.position_m,
-    );
-    let (t, u) = (*from.tensions_n().get(held)?, *to.tensions_n().get(held)?);
+    let (a, b) = (&from.equilibrium.pose, &to.equilibrium.pose);
+    let step_m = b.position_m - a.position_m;
+    let turn = UnitQuaternion::from_rotation_matrix(&(a.rotation.inverse() * b.rotation));
+    let turn = turn.scaled_axis();
     let mut out: Vec<StaticState> = Vec::with_capacity(shares.len());
     for &s in shares {
-        // The tension changes in equal ratios, the position in equal steps.
-        let tension_n = t * (u / t).powf(s);
-        let near = out.last().unwrap_or(from);
-        out.push(hang(&(a + (b - a) * s), tension_n, near)?);
+        let mut asked = Asked {
+            at_m: a.position_m + step_m * s,
+            attitude: a.rotation * Rotation3::new(turn * s),
+            tension_n: 0.0,
+        };
+        if let Some(held) = reach.held() {
+            let (t, u) = (*from.tensions_n().get(held)?, *to.tensions_n().get(held)?);
+            // The tension changes in equal ratios, the position in equal steps.
+            asked.tension_n = t * (u / t).powf(s);
+            asked.attitude = out.last().unwrap_or(from).equilibrium.pose.rotation;
+        }
+        out.push(hang(&asked)?);
     }
     Some(out)
 }
@@ -71,8 +77,7 @@ fn tried(reach: &Reach<'_>, from: &StaticState, to: &StaticState) -> Option<Vec<
     if !reach.robust(to) {
         return None;
     }
-    let kept = |at: &Vector3<f64>, n: f64, near: &StaticState| reach.rest(at, n, Some(near));
-    let tried = states(reach, (from, to), &even(), kept)?;
+    let tried = states(reach, (from, to), &even(), |asked| reach.rest(asked))?;
     tried
         .iter()
         .all(|state| reach.robust(state))
@@ -101,7 +106,7 @@ pub fn way(
     offsets_m: &[f64],
 ) -> Option<Transfer> {
     let tried = tried(reach, from, to)?;
-    let kept = |at: &Vector3<f64>, n: f64, near: &StaticState| reach.rest(at, n, Some(near));
+    let kept = |asked: &Asked| reach.rest(asked);
     knots(reach, robot, (from, to), &tried, slowest_s, offsets_m, kept)
 }
 
@@ -117,7 +122,7 @@ pub(super) fn back(
     slowest_s: f64,
     offsets_m: &[f64],
 ) -> Option<Transfer> {
-    let anyhow = |at: &Vector3<f64>, n: f64, near: &StaticState| reach.anyhow(at, n, near);
+    let anyhow = |asked: &Asked| reach.anyhow(asked);
     let tried = states(reach, (from, to), &even(), anyhow)?;
     knots(
         reach,
@@ -138,7 +143,7 @@ fn knots(
     tried: &[StaticState],
     slowest_s: f64,
     offsets_m: &[f64],
-    hang: impl Fn(&Vector3<f64>, f64, &StaticState) -> Option<StaticState>,
+    hang: impl Fn(&Asked) -> Option<StaticState>,
 ) -> Option<Transfer> {
     let mut duration_s = PERIODS * slowest_s;
     for pair in tried.windows(2) {

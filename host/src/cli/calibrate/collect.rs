@@ -142,7 +142,7 @@ impl How {
         self.imu_refused(&robot, common)?;
         let before = self.before(path)?;
         let model = Model::new(&robot)?;
-        model.hanging("collecting")?;
+        model.placed("collecting")?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let mismatch = common.mismatch(Mismatch::as_built());
         let simulated = common.on == "sim";
