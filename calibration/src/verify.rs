@@ -128,7 +128,7 @@ pub fn distances(robot: &Robot, rows: &[Row]) -> Result<Vec<f64>, VerifyError> {
     };
     let model = Model::new(robot).map_err(failed(0))?;
     model
-        .hanging("the comparison with a tracker")
+        .placed("the comparison with a tracker")
         .map_err(failed(0))?;
     let (home_m, scales) = match &robot.calibrated {
         Some(calibrated) => (
@@ -164,6 +164,12 @@ pub fn distances(robot: &Robot, rows: &[Row]) -> Result<Vec<f64>, VerifyError> {
 /// How the robot hangs at paid-out lengths and a tension of its tension-held cable.
 fn resting(model: &Model, paid_out_m: &[f64], tension_n: Option<f64>) -> Result<Pose, PlanError> {
     let robot = model.robot();
+    if !model.holding().hangs() {
+        // Lengths hold the whole pose. Tensions only stretch the cables: those at home are near enough.
+        let home = model.rest_at_home()?;
+        let rest = model.rest_from_lengths(paid_out_m, home.tensions_n())?;
+        return Ok(rest.equilibrium.pose);
+    }
     let held_n = tension_n.unwrap_or(robot.tension.setpoint_n);
     let mut tensions = vec![held_n; paid_out_m.len()];
     let mut pose = None;

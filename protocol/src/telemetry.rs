@@ -137,11 +137,7 @@ const COARSE_SHIFT: u32 = 4;
 const COARSE_OFFSET: i32 = COARSE_FROM - (COARSE_FROM >> COARSE_SHIFT);
 
 /// A tension in a sample: more than 557 N saturates, a negative reading is 0.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "within 0 and 65535"
-)]
+#[expect(clippy::cast_sign_loss, reason = "0 at least")]
 fn coarse(Millinewtons(tension): Millinewtons) -> u16 {
     let packed = if tension >= COARSE_FROM {
         COARSE_OFFSET + (tension >> COARSE_SHIFT)

@@ -269,7 +269,7 @@ impl Model<'_> {
         reading: f64,
     ) -> Row {
         let layout = &self.layout;
-        let compliance = theta[layout.compliance()];
+        let compliance = theta[layout.compliance()] + theta[layout.own_compliance(i)];
         let stretching = path.length_m + self.set.robot.routing_m[i];
         // About the middle length a drum's gain does not act like an offset.
         let beyond = path.length_m - self.middle_m;
@@ -283,6 +283,7 @@ impl Model<'_> {
             Entry::new(layout.drum(i), -beyond),
             Entry::new(layout.offset(i), 1.0),
             Entry::new(layout.compliance(), -tension * stretching),
+            Entry::new(layout.own_compliance(i), -tension * stretching),
             Entry::new(layout.radius(i), path.by_radius * slope),
         ];
         spread(&mut shared, layout.anchor(i), &(path.t * -slope));

@@ -7,7 +7,7 @@ use super::data::Set;
 use super::fit::{Fit, Options, fit};
 use super::model::Group;
 use super::solve::variance;
-use super::unknowns::Break;
+use super::unknowns::{Break, Priors};
 use super::verdict::slip_words;
 use crate::answer::Solved;
 use crate::data::Data;
@@ -153,6 +153,10 @@ pub struct Slipped {
 /// Rounds of estimating the scatter: data of version 1 state the scatter of their sensors.
 const ROUNDS: usize = 10;
 
+/// Standard deviation of each cable's compliance about that of all, as a share. Tensions of some 60 N stretch 3 m of
+/// fibre cable by 4 mm: a cable that is stiffer than the others must not pass for one that slips.
+const OWN_COMPLIANCE: f64 = 0.15;
+
 /// The cables that slipped while data of version 1 were collected, in words, the earliest first.
 /// `solved` is the result of another estimate; without it the search starts from the nominal robot.
 #[must_use]
@@ -170,6 +174,10 @@ pub fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<Slipped> {
     }
     let options = Options {
         rounds: ROUNDS,
+        priors: Priors {
+            own_compliance_per_n: OWN_COMPLIANCE * data.robot.compliance_per_n.max(1e-9),
+            ..Priors::default()
+        },
         ..Options::default()
     };
     let Ok(found) = fit(&set, &options) else {

@@ -40,8 +40,11 @@ pub struct Priors {
     pub center_of_mass_m: f64,
     /// Mass, share.
     pub mass: f64,
-    /// 1/EA, 1/N.
+    /// 1/EA of all cables, 1/N.
     pub compliance_per_n: f64,
+    /// What each cable's adds to that, 1/N. By default next to nothing: with cables of one make few data tell them
+    /// apart.
+    pub own_compliance_per_n: f64,
     /// Each angle of the inclinometer's mounting, rad.
     pub mount_rad: f64,
     /// The same from session to session, rad.
@@ -79,6 +82,7 @@ impl Default for Priors {
             center_of_mass_m: 0.01,
             mass: 0.02,
             compliance_per_n: 2e-5,
+            own_compliance_per_n: 1e-10,
             mount_rad: 0.03,
             mount_session_rad: 3e-3,
             yaw_rad: 0.2,
@@ -110,8 +114,8 @@ impl Priors {
 /// Standard deviation of a target's place on the platform if it is not stated, m.
 const UNKNOWN_TARGET_M: f64 = 1.0;
 
-/// Unknowns per cable: gain, zero, drum, offset, loss, swivel, radius, anchor, attachment.
-const PER_CABLE: usize = 13;
+/// Unknowns per cable: gain, zero, drum, offset, loss, swivel, radius, anchor, attachment, own compliance.
+const PER_CABLE: usize = 14;
 /// Centre of mass, mass, compliance, mounting.
 const COMMON: usize = 8;
 /// Camera's place, focal length, principal point, k1, tag size.
@@ -182,6 +186,11 @@ impl Layout {
     #[must_use]
     pub fn attachment(&self, i: usize) -> usize {
         PER_CABLE * i + 10
+    }
+    /// Of one cable, beyond that of all.
+    #[must_use]
+    pub(crate) fn own_compliance(&self, i: usize) -> usize {
+        PER_CABLE * i + 13
     }
     #[must_use]
     pub(crate) fn center_of_mass(&self) -> usize {
@@ -393,6 +402,8 @@ impl List<'_> {
             let name = format!("{of} attachment in {axis}");
             self.entered(name, priors.attachment_m, MM, *at);
         }
+        let name = format!("{of} own compliance");
+        self.free(name, priors.own_compliance_per_n, Unit::new(1e6, "1/MN"));
     }
 
     fn platform(&mut self) {

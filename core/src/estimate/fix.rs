@@ -1,14 +1,15 @@
 //! The least-squares solver.
 
+use super::held;
 use super::rows::{self, Measurements, Sigmas};
 use crate::motion::{Model, PlanError, StaticState};
-use mcdpr_kinematics::{Attempt, Damping, descend};
+use mcdpr_kinematics::{Attempt, Damping, Pose, descend};
 use miette::Diagnostic;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3, Vector4};
 use thiserror::Error;
 
 /// It usually takes four or five steps.
-const DAMPING: Damping = Damping {
+pub(super) const DAMPING: Damping = Damping {
     start: 1e-6,
     least: 1e-12,
     most: 1e6,
@@ -17,9 +18,9 @@ const DAMPING: Damping = Damping {
     steps: 40,
 };
 /// A step is no longer than this, m: more than a hand's width is not plausible in this problem.
-const LONGEST_STEP_M: f64 = 0.05;
+pub(super) const LONGEST_STEP_M: f64 = 0.05;
 /// The search ends after a step shorter than this, m.
-const LAST_STEP_M: f64 = 1e-9;
+pub(super) const LAST_STEP_M: f64 = 1e-9;
 /// Unknowns: the tool's position (m), the tension of the tension-held cable (N), the attitude
 /// relative to statics (rad).
 const UNKNOWNS: usize = 7;
@@ -43,7 +44,7 @@ fn turned(x: &Unknowns) -> Vector3<f64> {
 #[derive(Debug, Error, Diagnostic)]
 pub enum EstimateError {
     /// Fewer rows than unknowns.
-    #[error("{rows} measured values do not determine where the platform is: 4 are needed")]
+    #[error("{rows} measured values do not determine where the platform is: {needed} are needed")]
     #[diagnostic(
         code(mcdpr::estimate::few),
         help("give the lengths of all cables, or a view of a tag whose place is known")
@@ -51,6 +52,8 @@ pub enum EstimateError {
     Few {
         /// Number of values.
         rows: usize,
+        /// Fewest that do.
+        needed: usize,
     },
     /// A value is NaN or infinite.
     #[error("a measured value is not a finite number")]
@@ -90,7 +93,7 @@ pub struct Estimate {
     /// rad, world. `rest` keeps the attitude of statics.
     pub off_statics_rad: Vector3<f64>,
     /// Rows over their standard deviation, in the order: lengths, tensions, tag corners (u, v),
-    /// attitude.
+    /// attitude. Where lengths hold the pose: lengths, tag corners.
     pub residuals: Vec<f64>,
     /// Sum of the squares of the residuals.
     pub chi2: f64,
@@ -118,10 +121,12 @@ pub fn estimate(
     start_m: &Vector3<f64>,
 ) -> Result<Estimate, EstimateError> {
     model
-        .hanging("the estimate from tensions and tags")
-        .map_err(|source| EstimateError::NoFit {
-            source: Box::new(source),
-        })?;
+        .placed("the estimate from lengths, tensions and tags")
+        .map_err(no_fit)?;
+    if !model.holding().hangs() {
+        let start = Pose::level(start_m - model.robot().tool.tcp_in_platform_m);
+        return held::solve(model, measured, sigmas, start, None);
+    }
     let tension_n = rows::held_tension_n(model, measured);
     let start = Vector4::new(start_m.x, start_m.y, start_m.z, tension_n);
     solve(model, measured, sigmas, start, None)
@@ -221,6 +226,7 @@ impl Problem<'_> {
         if residuals.len() + usize::from(self.has_prior()) < UNKNOWNS {
             return Err(EstimateError::Few {
                 rows: residuals.len().saturating_sub(PRIORS),
+                needed: UNKNOWNS - PRIORS,
             });
         }
         Ok(Fit { x, rest, residuals })
@@ -319,7 +325,7 @@ impl Fit {
     }
 }
 
-fn no_fit(source: PlanError) -> EstimateError {
+pub(super) fn no_fit(source: PlanError) -> EstimateError {
     EstimateError::NoFit {
         source: Box::new(source),
     }

@@ -9,10 +9,14 @@
 //! more. The disagreement between the rows is the redundancy residual: a cable that slipped on its
 //! drum shows in it.
 //!
+//! A platform that six lengths hold takes any attitude (`held`): its pose is six unknowns, statics say nothing of it,
+//! and the tensions only stretch the cables. Eight cables leave two rows over.
+//!
 //! Weighted least squares (Gauss, 1809; steps after Levenberg, 1944, and Marquardt, 1963) with the
 //! rows' standard deviations, which are assumptions that a user can change.
 
 mod fix;
+mod held;
 pub(crate) mod region;
 mod rows;
 mod slip;

@@ -75,12 +75,24 @@ pub(crate) fn residuals(
             .enumerate()
             .map(|(cable, (seen, &said))| (seen - model.reading_n(cable, said)) / sigmas.tension_n),
     );
-    let camera = &model.robot().camera;
     // Turned about the tool, whose position is a separate unknown.
     let tool = &model.robot().tool.tcp_in_platform_m;
     let pose = &rest.equilibrium.pose;
     let rotation = Rotation3::new(turned) * pose.rotation;
     let seen_pose = Pose::new(pose.transform(tool) - rotation * tool, rotation);
+    corners(model, measured, &seen_pose, out)?;
+    out.extend(turned.iter().map(|angle| -angle / sigmas.attitude_rad));
+    Some(())
+}
+
+/// The rows of the tags' corners (u, v) with the platform at a pose; `None` where a tag is behind the camera.
+pub(super) fn corners(
+    model: &Model,
+    measured: &Measurements,
+    seen_pose: &Pose,
+    out: &mut Vec<f64>,
+) -> Option<()> {
+    let camera = &model.robot().camera;
     let camera_from_world = camera.camera_from_platform.compose(&seen_pose.inverse());
     for view in &measured.views {
         let Some(tag) = model.robot().tags.iter().find(|tag| tag.id == view.id) else {
@@ -105,7 +117,6 @@ pub(crate) fn residuals(
             }
         }
     }
-    out.extend(turned.iter().map(|angle| -angle / sigmas.attitude_rad));
     Some(())
 }
 

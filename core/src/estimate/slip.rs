@@ -1,6 +1,7 @@
 //! Which cable slipped: its length is off while the others, the tensions and the pictures agree.
 
 use super::fix::{Estimate, EstimateError, solve};
+use super::held;
 use super::rows::{Measurements, Sigmas};
 use crate::motion::Model;
 use nalgebra::Vector4;
@@ -40,11 +41,7 @@ pub fn find_slip(
     }
     let mut found: Vec<(f64, Slip)> = Vec::new();
     for cable in 0..measured.lengths_m.len() {
-        let held = model.holding().first_by_tension().unwrap_or(0);
-        let tension = estimate.rest.tensions_n().get(held).copied().unwrap_or(1.0);
-        let tool = &estimate.tool_m;
-        let start = Vector4::new(tool.x, tool.y, tool.z, tension);
-        let state = solve(model, measured, sigmas, start, Some(cable))?;
+        let state = without(cable, model, measured, sigmas, estimate)?;
         let left = state.chi2;
         let said = state.rest.paid_out_m.get(cable).copied().unwrap_or(0.0);
         let read = measured.lengths_m.get(cable).copied().unwrap_or(0.0);
@@ -69,6 +66,25 @@ pub fn find_slip(
         .get(1)
         .is_none_or(|(next, _)| *next > CLEARER * left.max(estimate.freedoms as f64));
     Ok(Some(best))
+}
+
+/// The estimate without the length of a cable (from 0).
+fn without(
+    cable: usize,
+    model: &Model,
+    measured: &Measurements,
+    sigmas: &Sigmas,
+    estimate: &Estimate,
+) -> Result<Estimate, EstimateError> {
+    if !model.holding().hangs() {
+        let start = estimate.rest.equilibrium.pose;
+        return held::solve(model, measured, sigmas, start, Some(cable));
+    }
+    let held = model.holding().first_by_tension().unwrap_or(0);
+    let tension = estimate.rest.tensions_n().get(held).copied().unwrap_or(1.0);
+    let tool = &estimate.tool_m;
+    let start = Vector4::new(tool.x, tool.y, tool.z, tension);
+    solve(model, measured, sigmas, start, Some(cable))
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use mcdpr_kinematics::{AnyRobot, Equilibrium, EquilibriumGuess, Held, Pose, Star
 use nalgebra::{Rotation3, Vector3};
 
 /// Below this measured tension a cable gives no information about the platform's pose, N.
-const TAUT_N: f64 = 0.5;
+pub(super) const TAUT_N: f64 = 0.5;
 
 /// A robot with its geometry.
 #[derive(Debug, Clone)]

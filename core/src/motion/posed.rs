@@ -1,7 +1,7 @@
 //! The robot where lengths hold its whole pose: the planner chooses the attitude, and the tensions are
 //! distributed.
 
-use super::model::{Model, StaticState};
+use super::model::{Model, StaticState, TAUT_N};
 use super::plan::PlanError;
 use crate::holding::Freedom;
 use crate::robot::Control;
@@ -84,6 +84,35 @@ impl Model {
     pub fn rest_at_pose(&self, pose: &Pose) -> Result<StaticState, PlanError> {
         let tool_m = pose.transform(&self.robot().tool.tcp_in_platform_m);
         self.rest_turned(&tool_m, &pose.rotation)
+    }
+
+    /// The robot at rest at a pose under measured tensions (at the winches, N); those of a plan, where a cable's is
+    /// missing or says that it is slack.
+    ///
+    /// # Errors
+    /// As [`Model::rest_at_pose`].
+    pub(crate) fn rest_measured(
+        &self,
+        pose: &Pose,
+        readings_n: &[f64],
+    ) -> Result<StaticState, PlanError> {
+        let count = self.robot().cables.len();
+        let taut = readings_n.iter().all(|reading| *reading > TAUT_N);
+        if readings_n.len() != count || !taut {
+            return self.rest_at_pose(pose);
+        }
+        let tensions_n = CableVec::from_fn(count, |index| {
+            let reading = readings_n.get(index).copied().unwrap_or(0.0);
+            self.tension_n(index, reading)
+        });
+        let tool_m = pose.transform(&self.robot().tool.tcp_in_platform_m);
+        self.posed(pose, tensions_n)
+            .map_err(|source| PlanError::NoEquilibrium {
+                x_mm: tool_m.x * 1e3,
+                y_mm: tool_m.y * 1e3,
+                z_mm: tool_m.z * 1e3,
+                source,
+            })
     }
 
     /// Tensions that hold a pose.

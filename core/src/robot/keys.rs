@@ -407,7 +407,9 @@ pub(crate) static SURROUNDINGS: Section = Section {
         key(
             "target_mm",
             POINT,
-            Follows("on the floor between the middle of the anchors and home"),
+            Follows(
+                "on the floor between the middle of the anchors and home; the floor is at the lowest anchors where the tool's box is above them",
+            ),
             "where the simulated calibration target lies, world frame, mm; a real one is found by the calibration",
         ),
         key(

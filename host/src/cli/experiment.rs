@@ -96,7 +96,12 @@ impl Cmd {
                 ..PlanOptions::default()
             });
         }
-        let held = model.hanging("holding a tension while hands pull")?;
+        let held = model.holding().first_by_tension().ok_or_else(|| {
+            Failed::from_error("experiment")(format!(
+                "no cable of {} is held by its tension: there is no tension loop to try",
+                robot.name
+            ))
+        })?;
         let experiment = Experiment::find(&self.what, held, robot.cables.len())?;
         if common.dry_run {
             eprintln!(

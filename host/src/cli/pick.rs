@@ -202,7 +202,7 @@ impl Cmd {
         // Before anything is connected: an invalid network file moves nothing.
         let mut detector = self.detector()?;
         let model = Model::new(robot)?;
-        model.hanging("picking")?;
+        model.placed("picking")?;
         let task = TaskSource {
             name: "pick".to_owned(),
             text: None,

@@ -126,7 +126,6 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
-        model.hanging("rigging")?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let slack = vec![0.0; robot.cables.len()];
         match self.what {

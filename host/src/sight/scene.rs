@@ -105,16 +105,19 @@ impl Scene {
     }
 }
 
-/// Where the tags lie if the robot file does not say it, world, m.
+/// Where the tags lie if the robot file does not say it, world, m. A frame whose lowest anchors are below all that the
+/// tool reaches stands on them.
 fn default_target_m(robot: &Robot) -> Vector3<f64> {
     let [low, high] = robot.anchor_box_in_world_m();
     let middle = (low + high) / 2.0;
     let mut target_m = middle + (robot.tool.home_in_world_m - middle) * TOWARDS_HOME;
     target_m.z = low.z - FLOOR_M;
-    if let Some([box_low, _]) = robot.limits.box_in_world_m
-        && target_m.z > box_low.z
-    {
-        target_m.z = box_low.z - BELOW_BOX_M;
+    if let Some([box_low, _]) = robot.limits.box_in_world_m {
+        if low.z < box_low.z {
+            target_m.z = low.z;
+        } else if target_m.z > box_low.z {
+            target_m.z = box_low.z - BELOW_BOX_M;
+        }
     }
     target_m
 }

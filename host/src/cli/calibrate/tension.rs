@@ -76,9 +76,6 @@ impl Cmd {
             return self.judged(common);
         }
         let model = Model::new(&robot)?;
-        if self.data.is_none() {
-            model.hanging("calibrating the tension sensors")?;
-        }
         let folder = RunFolder::create(common.record.as_deref(), &name).into_diagnostic()?;
         let readings = match &self.data {
             Some(path) => readings(path)?,

@@ -51,7 +51,7 @@ impl Cmd {
         }
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
-        model.hanging("the study of ISO 9283")?;
+        model.placed("the study of ISO 9283")?;
         let cube = Cube::largest(&model).map_err(Failed::from_error("the test cube"))?;
         let test = Test {
             cube,

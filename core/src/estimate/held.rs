@@ -1,0 +1,247 @@
+//! The pose of a platform that six lengths hold, from lengths and pictures. Statics say nothing of such a pose; measured
+//! tensions say how far each cable is stretched.
+
+use super::fix::{DAMPING, Estimate, EstimateError, LAST_STEP_M, LONGEST_STEP_M, no_fit};
+use super::rows::{self, Measurements, Sigmas};
+use crate::motion::Model;
+use mcdpr_kinematics::{Attempt, Pose, descend};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
+
+/// The tool's position (m) and the attitude (rad).
+const UNKNOWNS: usize = 6;
+/// Step of the numerical derivatives, m and rad: 10 um are a thirtieth of a length's assumed error.
+const CHANGE: f64 = 1e-5;
+
+struct Problem<'a> {
+    model: &'a Model,
+    measured: &'a Measurements,
+    sigmas: &'a Sigmas,
+    /// The length of this cable counts as not measured.
+    skip: Option<usize>,
+}
+
+#[derive(Clone)]
+struct Fit {
+    pose: Pose,
+    residuals: Vec<f64>,
+}
+
+impl Fit {
+    fn cost(&self) -> f64 {
+        self.residuals.iter().map(|r| r * r).sum()
+    }
+}
+
+/// Normal equations.
+struct Linear {
+    normal: Matrix6<f64>,
+    gradient: Vector6<f64>,
+}
+
+impl Problem<'_> {
+    /// Rows over their standard deviation.
+    fn at(&self, pose: Pose) -> Result<Fit, EstimateError> {
+        let mut residuals = Vec::new();
+        if !self.measured.lengths_m.is_empty() {
+            let rest = self
+                .model
+                .rest_measured(&pose, &self.measured.tensions_n)
+                .map_err(no_fit)?;
+            let lengths = self.measured.lengths_m.iter().zip(&rest.paid_out_m);
+            residuals.extend(lengths.map(|(seen, said)| (seen - said) / self.sigmas.length_m));
+        }
+        // Zero instead of removed: the other rows keep their places.
+        if let Some(slot) = self.skip.and_then(|cable| residuals.get_mut(cable)) {
+            *slot = 0.0;
+        }
+        rows::corners(self.model, self.measured, &pose, &mut residuals)
+            .ok_or(EstimateError::Rank)?;
+        Ok(Fit { pose, residuals })
+    }
+
+    /// Moved by the tool's shift and turned about the tool.
+    fn moved(&self, pose: &Pose, by: &Vector6<f64>) -> Pose {
+        let tool = &self.model.robot().tool.tcp_in_platform_m;
+        let shift: Vector3<f64> = by.fixed_rows::<3>(0).into_owned();
+        let turn: Vector3<f64> = by.fixed_rows::<3>(3).into_owned();
+        let turned = pose.displaced(&Vector3::zeros(), &turn);
+        let position_m = pose.transform(tool) + shift - turned.rotation * tool;
+        Pose::new(position_m, turned.rotation)
+    }
+
+    /// Derivatives of the rows by forward differences.
+    fn linear(&self, fit: &Fit) -> Result<Linear, EstimateError> {
+        let mut jacobian = DMatrix::zeros(fit.residuals.len(), UNKNOWNS);
+        for column in 0..UNKNOWNS {
+            let mut by = Vector6::zeros();
+            by[column] = CHANGE;
+            let near = self.at(self.moved(&fit.pose, &by))?;
+            for (row, (new, old)) in near.residuals.iter().zip(&fit.residuals).enumerate() {
+                jacobian[(row, column)] = (new - old) / CHANGE;
+            }
+        }
+        let right = DVector::from_column_slice(&fit.residuals);
+        let normal = jacobian.transpose() * &jacobian;
+        let gradient = jacobian.transpose() * right;
+        Ok(Linear {
+            normal: normal.fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0).into_owned(),
+            gradient: gradient.fixed_rows::<UNKNOWNS>(0).into_owned(),
+        })
+    }
+
+    fn attempt(
+        &self,
+        fit: &Fit,
+        linear: &Linear,
+        damping: f64,
+    ) -> Result<Attempt<Fit, Linear>, EstimateError> {
+        let mut damped = linear.normal;
+        for i in 0..UNKNOWNS {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let factor = damped.cholesky().ok_or(EstimateError::Rank)?;
+        let step = factor.solve(&-linear.gradient);
+        // All unknowns are shortened alike: the step keeps its direction.
+        let size = step.norm();
+        let step = step * (LONGEST_STEP_M / size.max(LONGEST_STEP_M));
+        let next = self.at(self.moved(&fit.pose, &step));
+        let better = next.ok().filter(|next| next.cost() <= fit.cost());
+        let last = size < LAST_STEP_M;
+        Ok(match better {
+            Some(next) => {
+                let linear = self.linear(&next)?;
+                if last {
+                    Attempt::Last(next, linear)
+                } else {
+                    Attempt::Better(next, linear)
+                }
+            }
+            None if last => Attempt::Enough,
+            None => Attempt::Worse,
+        })
+    }
+}
+
+/// The pose that fits best, from a start; `skip`: the length of this cable (from 0) is left out.
+pub(super) fn solve(
+    model: &Model,
+    measured: &Measurements,
+    sigmas: &Sigmas,
+    start: Pose,
+    skip: Option<usize>,
+) -> Result<Estimate, EstimateError> {
+    let problem = Problem {
+        model,
+        measured,
+        sigmas,
+        skip,
+    };
+    let first = problem.at(start)?;
+    if first.residuals.iter().any(|r| !r.is_finite()) {
+        return Err(EstimateError::NotFinite);
+    }
+    let rows = first.residuals.len() - usize::from(skip.is_some());
+    if rows < UNKNOWNS {
+        return Err(EstimateError::Few {
+            rows,
+            needed: UNKNOWNS,
+        });
+    }
+    let linear = problem.linear(&first)?;
+    // `descend` only reports that an attempt failed: the reason is kept here.
+    let mut failure = EstimateError::Rank;
+    let found = descend(first, linear, &DAMPING, |fit, linear, damping| {
+        problem
+            .attempt(fit, linear, damping)
+            .map_err(|error| failure = error)
+            .ok()
+    });
+    let Some(found) = found else {
+        return Err(failure);
+    };
+    let covariance = found
+        .linear
+        .normal
+        .try_inverse()
+        .ok_or(EstimateError::Rank)?;
+    let fit = found.at;
+    let rest = model
+        .rest_measured(&fit.pose, &measured.tensions_n)
+        .map_err(no_fit)?;
+    Ok(Estimate {
+        tool_m: model.tool_m(&rest),
+        rest,
+        covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+        rotation_covariance_rad2: covariance.fixed_view::<3, 3>(3, 3).into_owned(),
+        off_statics_rad: Vector3::zeros(),
+        chi2: fit.cost(),
+        freedoms: rows - UNKNOWNS,
+        residuals: fit.residuals,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{estimate, find_slip};
+    use super::*;
+    use crate::robot::Robot;
+    use nalgebra::Rotation3;
+
+    fn resting(model: &Model, pose: &Pose) -> Measurements {
+        let rest = model.rest_at_pose(pose).unwrap();
+        let tensions = rest.tensions_n().iter().enumerate();
+        Measurements {
+            lengths_m: rest.paid_out_m.clone(),
+            tensions_n: tensions
+                .map(|(cable, tension)| model.reading_n(cable, *tension))
+                .collect(),
+            ..Measurements::default()
+        }
+    }
+
+    #[test]
+    fn lengths_give_place_and_attitude_of_a_platform_of_six_degrees_of_freedom() {
+        for (name, freedoms) in [("eight-cable", 2), ("eight-suspended", 2), ("six-cable", 0)] {
+            let robot = Robot::built_in(name).unwrap();
+            let model = Model::new(&robot).unwrap();
+            let home_m = robot.tool.home_in_world_m;
+            let attitude = Rotation3::from_euler_angles(0.06, -0.05, 0.08);
+            let pose = Pose::new(home_m + Vector3::new(0.06, -0.04, 0.2), attitude);
+            let measured = resting(&model, &pose);
+            let found = estimate(&model, &measured, &Sigmas::default(), &home_m).unwrap();
+            let off_m = found.tool_m - pose.transform(&robot.tool.tcp_in_platform_m);
+            assert!(off_m.norm() < 1e-7, "{name}: {off_m}");
+            let turned = found.rest.equilibrium.pose.rotation.inverse() * attitude;
+            assert!(turned.angle() < 1e-7, "{name}: {}", turned.angle());
+            assert_eq!(found.freedoms, freedoms, "{name}");
+            // Of the order of the scatter of the lengths, 0.3 mm.
+            let sigma_m = found.covariance_m2.diagonal().map(f64::sqrt);
+            assert!(
+                sigma_m.iter().all(|s| (5e-5..1e-3).contains(s)),
+                "{name}: {sigma_m}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_slip_of_a_robot_with_cables_to_spare_is_seen_and_too_few_lengths_are_refused() {
+        let robot = Robot::built_in("eight-cable").unwrap();
+        let model = Model::new(&robot).unwrap();
+        let home_m = robot.tool.home_in_world_m;
+        let pose = Pose::level(home_m - robot.tool.tcp_in_platform_m);
+        let sigmas = Sigmas::default();
+        let mut measured = resting(&model, &pose);
+        measured.lengths_m[2] -= 0.01;
+        let found = estimate(&model, &measured, &sigmas, &home_m).unwrap();
+        assert!(found.redundancy().unwrap() > 3.0);
+        let slip = find_slip(&model, &measured, &sigmas, &found).unwrap();
+        let slip = slip.unwrap();
+        assert!((slip.slip_m - 0.01).abs() < 2e-3 || !slip.clear, "{slip:?}");
+        let few = Measurements {
+            lengths_m: measured.lengths_m[..5].to_vec(),
+            ..Measurements::default()
+        };
+        let error = estimate(&model, &few, &sigmas, &home_m).unwrap_err();
+        assert!(error.to_string().contains("6 are needed"), "{error}");
+    }
+}
