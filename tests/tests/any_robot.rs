@@ -5,7 +5,9 @@ use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Plan, Task};
 use mcdpr::report::Figures;
 use mcdpr::robot::{Control, Robot};
+use mcdpr_tests::process::{Folder, call, document};
 use nalgebra::Vector3;
+use serde_json::Value;
 
 /// Robots that are held otherwise than the paper's.
 const OTHERS: [&str; 6] = [
@@ -152,7 +154,8 @@ fn cables_that_do_not_hold_the_robot_are_refused_with_the_reason() {
         "{heavy}"
     );
     for what in ["picking", "collecting"] {
-        let error = model("eight-cable").hanging(what).unwrap_err().to_string();
+        assert!(model("eight-cable").placed(what).is_ok());
+        let error = model("planar-four").placed(what).unwrap_err().to_string();
         assert!(error.starts_with(what), "{error}");
     }
     let beside = "start_mm = [0, 20, 600]\n[[leg]]\nto_mm = [100, 20, 600]\n";
@@ -161,4 +164,63 @@ fn cables_that_do_not_hold_the_robot_are_refused_with_the_reason() {
         .plan()
         .unwrap_err();
     assert!(error.to_string().contains("beside the plane"), "{error}");
+}
+
+#[test]
+fn robots_of_six_degrees_of_freedom_are_rigged_calibrated_homed_and_pick() {
+    for robot in ["eight-cable", "eight-suspended"] {
+        let folder = Folder::new(&format!("six-freedoms-{robot}"));
+        let on = |words: &[&str]| document(&[words, &["--robot", robot]].concat(), folder.path());
+        let mm = |value: &Value| value.as_f64().unwrap() * 1e3;
+        let rigged = on(&["rig", "tension", "--yes"]);
+        let hung_n = rigged["tensions_n"].as_array().unwrap();
+        assert!(hung_n.len() == 8 && hung_n.iter().all(|n| n.as_f64().unwrap() > 20.0));
+        let held = on(&["experiment", "hold"]);
+        assert!(held["simulated"].as_bool().unwrap(), "{held}");
+        // An as-built machine, its anchors off by up to 5 mm.
+        let how = ["--target", "board", "--poses", "12", "--candidates", "80"];
+        let answer = on(&[&["calibrate", "all"], &how[..]].concat());
+        let expected_mm = answer["predicted_tcp_error_mm"].as_f64().unwrap();
+        assert!(expected_mm < 1.0, "{expected_mm}");
+        // That machine, with the calibration that lies beside.
+        let run = on(&["run", "fitting"]);
+        let path = &run["path_error_m"];
+        assert!(
+            mm(&path["mean"]) < 0.6 && mm(&path["max"]) < 1.2,
+            "{robot}: {path}"
+        );
+        let home_m = model(robot).robot().tool.home_in_world_m;
+        let homed = on(&["home", "--tag"]);
+        for (axis, home_m) in homed["tool_m"].as_array().unwrap().iter().zip(&home_m) {
+            assert!((mm(axis) - home_m * 1e3).abs() < 1.0, "{robot}: {homed}");
+        }
+        let estimate = on(&["estimate"]);
+        assert!(estimate["slip_cable"].is_null(), "{estimate}");
+        assert!(estimate["redundancy"].as_f64().unwrap() < 3.0, "{estimate}");
+        let picked = on(&["pick", "--objects", "2"]);
+        assert_eq!(picked["carried_off"], 2, "{robot}: {picked}");
+    }
+}
+
+#[test]
+fn a_geared_drum_that_turns_round_at_the_end_of_a_motion_is_not_taken_for_a_dead_drive() {
+    // At 3 mm/s as the least commanded speed the third seed ended with D2.
+    let folder = Folder::new("turning-round");
+    let words = [
+        "study",
+        "iso9283",
+        "--write-task",
+        "cube.toml",
+        "--cycles",
+        "2",
+    ];
+    let half = ["--speed-percent", "50", "--robot", "eight-cable"];
+    let written = call(&[&words[..], &half[..]].concat(), folder.path());
+    assert!(written.status.success());
+    let run = ["run", "cube.toml", "--robot", "eight-cable", "--seed", "3"];
+    let done = document(&run, folder.path());
+    assert!(
+        done["path_error_m"]["mean"].as_f64().unwrap() < 1e-3,
+        "{done}"
+    );
 }

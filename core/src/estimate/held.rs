@@ -211,8 +211,9 @@ mod tests {
             let found = estimate(&model, &measured, &Sigmas::default(), &home_m).unwrap();
             let off_m = found.tool_m - pose.transform(&robot.tool.tcp_in_platform_m);
             assert!(off_m.norm() < 1e-7, "{name}: {off_m}");
-            let turned = found.rest.equilibrium.pose.rotation.inverse() * attitude;
-            assert!(turned.angle() < 1e-7, "{name}: {}", turned.angle());
+            let rotation = found.rest.equilibrium.pose.rotation;
+            let turned = (rotation.matrix() - attitude.matrix()).norm();
+            assert!(turned < 1e-7, "{name}: {turned}");
             assert_eq!(found.freedoms, freedoms, "{name}");
             // Of the order of the scatter of the lengths, 0.3 mm.
             let sigma_m = found.covariance_m2.diagonal().map(f64::sqrt);
