@@ -23,28 +23,44 @@ fn words(output: &Output) -> String {
 #[test]
 fn what_such_a_robot_cannot_do_is_refused_by_name_and_leaves_no_files() {
     let folder = Folder::new("other-shapes-refused");
-    for line in [
+    let neither = [
         "home --tag",
         "estimate",
-        "recover",
-        "rig tension",
-        "rig attach 1",
-        "experiment hold",
         "calibrate collect",
-        "calibrate tension 1",
         "pick",
-        "study power",
         "study iso9283",
-        "study demo",
-    ] {
-        let line: Vec<&str> = line.split(' ').collect();
-        let done = run("eight-cable", &line, folder.path());
-        let said = words(&done);
-        assert_eq!(done.status.code(), Some(1), "{line:?}: {said}");
-        assert!(said.contains("mcdpr::plan::hanging"), "{line:?}: {said}");
-        assert!(said.contains("docs/robot-file.md"), "{line:?}: {said}");
-        let left = std::fs::read_dir(folder.path()).unwrap().count();
-        assert_eq!(left, 0, "{line:?} left a file");
+    ];
+    let hanging = ["recover", "study power", "study demo"];
+    let of_six = ["eight-cable", "eight-suspended"].map(|robot| (robot, "hanging", &hanging[..]));
+    let others = ["planar-four", "three-point", "planar-vertical"];
+    let others = others.map(|robot| (robot, "placed", &neither[..]));
+    for (robot, code, lines) in of_six.into_iter().chain(others) {
+        for line in lines {
+            let line: Vec<&str> = line.split(' ').collect();
+            let done = run(robot, &line, folder.path());
+            let said = words(&done);
+            assert_eq!(done.status.code(), Some(1), "{robot} {line:?}: {said}");
+            let code = format!("mcdpr::plan::{code}");
+            assert!(said.contains(&code), "{robot} {line:?}: {said}");
+            assert!(
+                said.contains("docs/robot-file.md"),
+                "{robot} {line:?}: {said}"
+            );
+            let left = std::fs::read_dir(folder.path()).unwrap().count();
+            assert_eq!(left, 0, "{robot} {line:?} left a file");
+        }
+    }
+}
+
+#[test]
+fn every_shape_is_rigged_and_lowered() {
+    let folder = Folder::new("other-shapes-rigged");
+    for robot in ["planar-four", "three-point", "planar-vertical", "six-cable"] {
+        for line in ["rig tension --yes", "rig lower --yes"] {
+            let line: Vec<&str> = line.split(' ').collect();
+            let done = run(robot, &line, folder.path());
+            assert!(done.status.success(), "{robot} {line:?}: {}", words(&done));
+        }
     }
 }
 

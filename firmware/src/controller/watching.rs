@@ -20,7 +20,7 @@ const TENSION_CALM_MN: i32 = 2000;
 // The integrator of a drive takes 26 ms to lead a geared drum over its friction from winding in to paying out at
 // 4 mm/s, and the less the faster the command (eight-cable at the end of a motion).
 /// Speed below which a drum that is commanded to turn may stick for a while, µm/s.
-const SLOW_UMPS: i32 = 8000;
+const SLOW_UMPS: i32 = 7000;
 const _: () = assert!(TENSION_CALM_MN <= TENSION_WARN_MN);
 const _: () = assert!(TENSION_CALM_MN <= crate::watch::LEAST_OFF_MN);
 
