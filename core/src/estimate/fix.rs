@@ -1,11 +1,12 @@
 //! The least-squares solver.
 
 use super::held;
+use super::newton;
 use super::rows::{self, Measurements, Sigmas};
 use crate::motion::{Model, PlanError, StaticState};
 use mcdpr_kinematics::{Attempt, Damping, Pose, descend};
 use miette::Diagnostic;
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3, Vector4};
+use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3, Vector4};
 use thiserror::Error;
 
 /// It usually takes four or five steps.
@@ -31,6 +32,7 @@ const PRIORS: usize = 3;
 const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
 
 type Unknowns = SVector<f64, UNKNOWNS>;
+type Linear = newton::Linear<UNKNOWNS>;
 
 fn place(x: &Unknowns) -> Vector3<f64> {
     x.fixed_rows::<3>(0).into_owned()
@@ -198,18 +200,12 @@ impl Problem<'_> {
     /// Normal matrix and gradient.
     fn linear(&self, fit: &Fit) -> Result<Linear, EstimateError> {
         let jacobian = self.jacobian(fit)?;
-        let right = DVector::from_column_slice(&fit.residuals);
-        let mut normal = (jacobian.transpose() * &jacobian)
-            .fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0)
-            .into_owned();
-        let mut gradient: Unknowns = (jacobian.transpose() * right)
-            .fixed_rows::<UNKNOWNS>(0)
-            .into_owned();
+        let mut linear = Linear::of(&jacobian, &fit.residuals);
         if self.has_prior() {
-            normal[(3, 3)] += 1.0 / (PRIOR_N * PRIOR_N);
-            gradient[3] += (fit.x[3] - self.start.w) / (PRIOR_N * PRIOR_N);
+            linear.normal[(3, 3)] += 1.0 / (PRIOR_N * PRIOR_N);
+            linear.gradient[3] += (fit.x[3] - self.start.w) / (PRIOR_N * PRIOR_N);
         }
-        Ok(Linear { normal, gradient })
+        Ok(linear)
     }
 
     /// The search's first state, with as many rows as unknowns at least.
@@ -247,34 +243,14 @@ impl Problem<'_> {
         linear: &Linear,
         damping: f64,
     ) -> Result<Attempt<Fit, Linear>, EstimateError> {
-        let mut damped = linear.normal;
-        for i in 0..UNKNOWNS {
-            damped[(i, i)] *= 1.0 + damping;
-        }
-        let factor = damped.cholesky().ok_or(EstimateError::Rank)?;
-        let step = factor.solve(&-linear.gradient);
+        let step = linear.step(damping)?;
         // All unknowns are shortened alike: the step keeps its direction.
         let step = step * (LONGEST_STEP_M / place(&step).norm().max(LONGEST_STEP_M));
         let last = place(&step).norm() < LAST_STEP_M;
-        Ok(match self.improved(fit, fit.x + step) {
-            Some(next) => {
-                let linear = self.linear(&next)?;
-                if last {
-                    Attempt::Last(next, linear)
-                } else {
-                    Attempt::Better(next, linear)
-                }
-            }
-            None if last => Attempt::Enough,
-            None => Attempt::Worse,
+        newton::attempt(self.improved(fit, fit.x + step), last, |next| {
+            self.linear(next)
         })
     }
-}
-
-/// Normal equations.
-struct Linear {
-    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
-    gradient: Unknowns,
 }
 
 /// A state of the search.

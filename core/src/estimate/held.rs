@@ -2,10 +2,11 @@
 //! tensions say how far each cable is stretched.
 
 use super::fix::{DAMPING, Estimate, EstimateError, LAST_STEP_M, LONGEST_STEP_M, no_fit};
+use super::newton;
 use super::rows::{self, Measurements, Sigmas};
 use crate::motion::Model;
 use mcdpr_kinematics::{Attempt, Pose, descend};
-use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
+use nalgebra::{DMatrix, Vector3, Vector6};
 
 /// The tool's position (m) and the attitude (rad).
 const UNKNOWNS: usize = 6;
@@ -32,11 +33,7 @@ impl Fit {
     }
 }
 
-/// Normal equations.
-struct Linear {
-    normal: Matrix6<f64>,
-    gradient: Vector6<f64>,
-}
+type Linear = newton::Linear<UNKNOWNS>;
 
 impl Problem<'_> {
     /// Rows over their standard deviation.
@@ -80,13 +77,7 @@ impl Problem<'_> {
                 jacobian[(row, column)] = (new - old) / CHANGE;
             }
         }
-        let right = DVector::from_column_slice(&fit.residuals);
-        let normal = jacobian.transpose() * &jacobian;
-        let gradient = jacobian.transpose() * right;
-        Ok(Linear {
-            normal: normal.fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0).into_owned(),
-            gradient: gradient.fixed_rows::<UNKNOWNS>(0).into_owned(),
-        })
+        Ok(Linear::of(&jacobian, &fit.residuals))
     }
 
     fn attempt(
@@ -95,30 +86,13 @@ impl Problem<'_> {
         linear: &Linear,
         damping: f64,
     ) -> Result<Attempt<Fit, Linear>, EstimateError> {
-        let mut damped = linear.normal;
-        for i in 0..UNKNOWNS {
-            damped[(i, i)] *= 1.0 + damping;
-        }
-        let factor = damped.cholesky().ok_or(EstimateError::Rank)?;
-        let step = factor.solve(&-linear.gradient);
+        let step = linear.step(damping)?;
         // All unknowns are shortened alike: the step keeps its direction.
         let size = step.norm();
         let step = step * (LONGEST_STEP_M / size.max(LONGEST_STEP_M));
         let next = self.at(self.moved(&fit.pose, &step));
         let better = next.ok().filter(|next| next.cost() <= fit.cost());
-        let last = size < LAST_STEP_M;
-        Ok(match better {
-            Some(next) => {
-                let linear = self.linear(&next)?;
-                if last {
-                    Attempt::Last(next, linear)
-                } else {
-                    Attempt::Better(next, linear)
-                }
-            }
-            None if last => Attempt::Enough,
-            None => Attempt::Worse,
-        })
+        newton::attempt(better, size < LAST_STEP_M, |next| self.linear(next))
     }
 }
 
@@ -237,7 +211,9 @@ mod tests {
         assert!(found.redundancy().unwrap() > 3.0);
         let slip = find_slip(&model, &measured, &sigmas, &found).unwrap();
         let slip = slip.unwrap();
-        assert!((slip.slip_m - 0.01).abs() < 2e-3 || !slip.clear, "{slip:?}");
+        // Eight cables leave two lengths over: at one pose another cable explains the slip nearly as well.
+        assert_eq!((slip.cable, slip.clear), (3, false));
+        assert!((slip.slip_m - 0.01).abs() < 1e-6, "{slip:?}");
         let few = Measurements {
             lengths_m: measured.lengths_m[..5].to_vec(),
             ..Measurements::default()

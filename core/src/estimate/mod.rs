@@ -17,6 +17,7 @@
 
 mod fix;
 mod held;
+mod newton;
 pub(crate) mod region;
 mod rows;
 mod slip;

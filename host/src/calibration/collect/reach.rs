@@ -98,6 +98,8 @@ fn builds(model: &Model) -> Vec<Build> {
 }
 
 impl<'a> Reach<'a> {
+    /// The poses of a robot by its description, with margins for a machine that is built a little differently.
+    ///
     /// # Errors
     /// [`PlanError::Placed`] for a robot that neither hangs on three lengths and a tension nor has lengths that hold
     /// its whole pose.
