@@ -93,6 +93,7 @@ pub(super) fn build(
         reader,
         &file.take_table(key!(ROBOT, "tension"), &schema::TENSION),
         &limits,
+        &winches,
     );
     let tool = file.take_table(key!(ROBOT, "tool"), &schema::TOOL);
     let gripper = file.take_table(key!(ROBOT, "gripper"), &schema::GRIPPER);
@@ -424,7 +425,12 @@ fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given:
     }
 }
 
-fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
+fn tension(
+    reader: &mut Reader,
+    table: &Values,
+    limits: &Limits,
+    winches: &[Winch],
+) -> TensionLaw {
     let law = TensionLaw {
         setpoint_n: table.number(key!(TENSION, "setpoint_n")),
         law: match table.text(key!(TENSION, "law")) {
@@ -433,6 +439,9 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
         },
         output: match table.text(key!(TENSION, "output")) {
             "velocity" => TensionOutput::Velocity,
+            "current" => TensionOutput::Current,
+            // A current that is small beside a gear's friction does not move the drum.
+            _ if winches.iter().any(Winch::has_lossy_gear) => TensionOutput::Velocity,
             _ => TensionOutput::Current,
         },
         kp: table.number(key!(TENSION, "kp")),

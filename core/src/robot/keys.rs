@@ -297,9 +297,9 @@ pub static TENSION: Section = Section {
         ),
         key(
             "output",
-            Kind::Word(&["current", "velocity"]),
-            Word("current"),
-            "what the law commands: a current, or a speed, with which the drive's own loop overcomes the friction of a gear",
+            Kind::Word(&["auto", "current", "velocity"]),
+            Word("auto"),
+            "what the law commands: a current, or a speed, with which the drive's own loop overcomes the friction of a gear; auto: a speed if a winch has a gear that rubs or loses torque",
         ),
         non_negative(
             "kp",

@@ -208,8 +208,9 @@ pub fn send_configuration<L: Link>(
 pub fn arm<L: Link>(client: &mut Client<L>, config_hash: ConfigHash) -> Result<(), RunError> {
     client.request(Request::Samples { enabled: true })?;
     client.request(Request::Arm { config_hash })?;
-    // Arming takes 1.85 s on the paper's robot, and longer with more drums or with play in gears.
-    wait_for(client, BoardState::Holding, 6.0)
+    // Arming takes 1.85 s on the paper's robot, and longer with more drums or with play in gears: 7 s with eight slack
+    // cables. The board itself limits each of its steps.
+    wait_for(client, BoardState::Holding, 12.0)
 }
 
 /// Closes the brakes under torque, switches torque off and gives the board back.

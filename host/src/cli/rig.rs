@@ -9,7 +9,7 @@ use crate::motion::Model;
 use crate::record::Doing;
 use crate::robot::Robot;
 use crate::run::{RunError, watch_for_interrupts};
-use crate::tension::rig::{Rig, TAKEN_UP_N, rigged, winding};
+use crate::tension::rig::{Rig, TAKEN_UP_N, lowered, rigged, winding};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::plant::{Plant, PlantError};
@@ -342,7 +342,7 @@ impl Cmd {
         self.confirm("the stand is under the platform, which hangs at home: arm and let it down")?;
         let home = model.rest_at_home()?;
         let mut rig = Rig::start(
-            &rigged(model.robot()),
+            &lowered(model.robot()),
             line.link,
             line.session,
             &home.paid_out_m,

@@ -5,7 +5,7 @@
 use crate::link::{Client, Link};
 use crate::machine;
 use crate::motion::knot;
-use crate::robot::{Control, LawKind, Robot};
+use crate::robot::{Control, LawKind, Robot, TensionLaw, TensionOutput, Winch};
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{CableKnot, SessionId};
 
@@ -15,6 +15,9 @@ pub(crate) const TAKEN_UP_N: f64 = 1.0;
 const FLOOR_N: f64 = 0.5;
 /// Rate at which tensions rise and fall, N/s.
 const RATE_NPS: f64 = 2.0;
+/// Gain of a law that commands a speed where the robot file has one for currents, mm/s per N: the file's own gains are
+/// for another unit.
+const SPEED_PER_N: f64 = 1.0;
 /// Longest time that the board lets a slack cable be reeled in at a stretch, s (C1 after 2 s).
 const STRETCH_S: f64 = 1.5;
 /// Snag guard while a free cable is wound, N.
@@ -29,12 +32,34 @@ pub(crate) fn rigged(robot: &Robot) -> Robot {
     }
     robot.tension.law = LawKind::Default;
     robot.tension.hold_braked = false;
+    // Also of a robot whose own tension-held drum has no gear: here every drum is held by its tension.
+    if robot.tension.output == TensionOutput::Current
+        && robot.winches.iter().any(Winch::has_lossy_gear)
+    {
+        robot.tension = TensionLaw {
+            output: TensionOutput::Velocity,
+            kp: SPEED_PER_N,
+            kd: 0.0,
+            ki: 0.0,
+            ..robot.tension
+        };
+    }
     robot.limits.tension_min_n = FLOOR_N;
     // Four fifths of this are compensated: all of it, because a drum with a slack cable is driven
     // only by its motor when the board checks whether it turns.
     for winch in &mut robot.winches {
         winch.friction_n *= 1.25;
     }
+    robot
+}
+
+/// The same for a hanging robot that is let down: without floors, because every cable ends slack. Behind a gear the
+/// board then also moves each drum further when it arms: with all cables taut, the small test motion ends in the
+/// friction and the loss of the gear.
+#[must_use]
+pub(crate) fn lowered(robot: &Robot) -> Robot {
+    let mut robot = rigged(robot);
+    robot.limits.tension_min_n = 0.0;
     robot
 }
 

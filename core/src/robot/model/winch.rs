@@ -126,6 +126,13 @@ impl Winch {
         self.friction_n + at_motor_nm * self.gear_ratio / self.drum_radius_m
     }
 
+    /// Whether a gear between motor and drum rubs or loses torque.
+    pub fn has_lossy_gear(&self) -> bool {
+        self.gear.is_some_and(|gear| {
+            gear.rotor_friction_nm + gear.gear_friction_nm > 0.0 || gear.efficiency < 1.0
+        })
+    }
+
     /// Play between motor and drum, as cable, m.
     pub fn play_m(&self) -> f64 {
         self.gear
