@@ -425,12 +425,7 @@ fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given:
     }
 }
 
-fn tension(
-    reader: &mut Reader,
-    table: &Values,
-    limits: &Limits,
-    winches: &[Winch],
-) -> TensionLaw {
+fn tension(reader: &mut Reader, table: &Values, limits: &Limits, winches: &[Winch]) -> TensionLaw {
     let law = TensionLaw {
         setpoint_n: table.number(key!(TENSION, "setpoint_n")),
         law: match table.text(key!(TENSION, "law")) {
