@@ -294,6 +294,8 @@ pub struct Active<const N: usize> {
     pub feedback_timeout_ms: u16,
     /// Whether brakes close under torque while the robot holds.
     pub hold_braked: bool,
+    /// Whether the board has a fault line in common with others.
+    pub fault_line: bool,
     /// Cable by cable.
     pub cables: [CableConfig; N],
 }
@@ -308,6 +310,7 @@ impl<const N: usize> Active<N> {
         enable_ms: 0,
         feedback_timeout_ms: 0,
         hold_braked: false,
+        fault_line: false,
         cables: [CableConfig::NOTHING; N],
     };
 }

@@ -264,6 +264,7 @@ impl<const N: usize> ConfigStore<N> {
         let residual_ms = self.board_key(BoardKey::ResidualMs, 1, 10_000)?;
         let enable_ms = self.board_key(BoardKey::EnableMs, 0, 10_000)?;
         let hold_braked = self.board_key(BoardKey::HoldBrakes, 0, 1)? == 1;
+        let fault_line = self.board_key(BoardKey::FaultLine, 0, 1)? == 1;
         let feedback_timeout_ms = self.feedback_timeout_ms()?;
         if active.is_none() {
             // From a constant: it would otherwise be built on the stack first.
@@ -279,6 +280,7 @@ impl<const N: usize> ConfigStore<N> {
         active.enable_ms = enable_ms.cast_unsigned();
         active.feedback_timeout_ms = feedback_timeout_ms;
         active.hold_braked = hold_braked;
+        active.fault_line = fault_line;
         Ok(())
     }
 
