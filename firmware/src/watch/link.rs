@@ -109,7 +109,7 @@ impl Latch {
     }
 
     /// Whether a fault is latched.
-    pub const fn is_set(&self) -> bool {
+    pub(crate) const fn is_set(&self) -> bool {
         self.record.is_some()
     }
 
