@@ -84,6 +84,9 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::L18 => {
             "check the serial line's ground, shield and plugs, keep it away from the motors, then clear the fault"
         }
+        FaultId::L19 => {
+            "another board stopped first, has no supply or was reset, or the fault line's plug is off: look at the other boards, then clear the fault"
+        }
         FaultId::S1 => {
             "nothing, while it is rare; if it goes on, look at the encoder cable's shield"
         }

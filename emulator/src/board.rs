@@ -20,6 +20,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const SLICE_US: u64 = 50;
 /// Winches of the board.
 const CABLES: usize = 4;
+/// Pin of port A at the fault line.
+const FAULT_LINE: u8 = 2;
 /// ADC channels of the tension sensors.
 const TENSION: [u8; CABLES] = [4, 5, 8, 9];
 
@@ -296,6 +298,15 @@ impl VirtualBoard for ChipBoard {
         if errors > 0 {
             self.chip.lock().uart_damage(errors);
         }
+    }
+
+    fn hear_fault_line(&mut self, high: bool) {
+        self.chip.lock().set_input(Port::A, FAULT_LINE, Some(high));
+    }
+
+    fn lets_fault_line_rise(&self) -> bool {
+        // An open drain: only a low level holds the transistor's gate down.
+        self.chip.lock().pins().well == Drive::Low
     }
 
     fn state(&self) -> State {

@@ -49,6 +49,8 @@ pub struct Pins {
     pub gripper: Drive,
     /// PC13: low lights.
     pub led: Drive,
+    /// PA11: low keeps the fault line from falling.
+    pub well: Drive,
 }
 
 impl Pins {

@@ -37,8 +37,8 @@ impl<const N: usize> Default for ConfigStore<N> {
 #[derive(Debug, Clone, Copy)]
 struct Slots<const K: usize> {
     values: [i32; K],
-    /// Bit n: value n is present.
-    present: u64,
+    /// Bit n of word m: value 32 m + n is present. Two words: the chip shifts 64 bits by a call.
+    present: [u32; 2],
 }
 
 impl<const K: usize> Slots<K> {
@@ -47,19 +47,21 @@ impl<const K: usize> Slots<K> {
         assert!(K <= 64);
         Self {
             values: [0; K],
-            present: 0,
+            present: [0; 2],
         }
     };
 
     fn get(&self, index: usize) -> Option<i32> {
         let value = self.values.get(index)?;
-        (self.present & (1_u64 << index) != 0).then_some(*value)
+        let word = self.present.get(index >> 5)?;
+        (word >> (index & 31) & 1 != 0).then_some(*value)
     }
 
     fn put(&mut self, index: usize, value: i32) {
-        if let Some(slot) = self.values.get_mut(index) {
+        let word = self.present.get_mut(index >> 5);
+        if let (Some(slot), Some(word)) = (self.values.get_mut(index), word) {
             *slot = value;
-            self.present |= 1_u64 << index;
+            *word |= 1 << (index & 31);
         }
     }
 }
@@ -292,6 +294,8 @@ pub struct Active<const N: usize> {
     pub feedback_timeout_ms: u16,
     /// Whether brakes close under torque while the robot holds.
     pub hold_braked: bool,
+    /// Whether the board has a fault line in common with others.
+    pub fault_line: bool,
     /// Cable by cable.
     pub cables: [CableConfig; N],
 }
@@ -306,6 +310,7 @@ impl<const N: usize> Active<N> {
         enable_ms: 0,
         feedback_timeout_ms: 0,
         hold_braked: false,
+        fault_line: false,
         cables: [CableConfig::NOTHING; N],
     };
 }
@@ -328,9 +333,9 @@ impl<const N: usize> ConfigStore<N> {
 
     /// Discards all entries, in place: a fresh store would go over the board's stack.
     pub fn clear(&mut self) {
-        self.board.present = 0;
+        self.board.present = [0; 2];
         for fields in &mut self.cables {
-            fields.present = 0;
+            fields.present = [0; 2];
         }
         self.announced = 0;
         self.received = 0;

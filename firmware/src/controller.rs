@@ -37,6 +37,8 @@ const HOLD_TORQUE_MS: u16 = 150;
 /// Ticks for which the emergency input must show a change: one disturbed sample does not count. Its
 /// own contacts cut the power meanwhile.
 const E_STOP_TICKS: u16 = 3;
+/// Ticks for which the fault line must be low: one disturbed sample does not count.
+const FAULT_LINE_TICKS: u16 = 2;
 /// Control ticks per second.
 const TICKS_PER_SECOND: u16 = 1000;
 /// A motion may start this far from the set-point, 0.1 µm (K4).
@@ -140,6 +142,8 @@ pub struct Controller<const N: usize> {
     /// The emergency input, filtered, and for how long its raw value has differed.
     e_stop: bool,
     e_stop_differs: Persist,
+    /// The fault line is low; never on a board that has none.
+    fault_line: Persist,
     /// A fault of the board itself that no request can clear (P6).
     lasting: Option<FaultId>,
     outputs: Outputs<N>,
@@ -188,6 +192,7 @@ impl<const N: usize> Default for Controller<N> {
             gripper_switch: false,
             e_stop: false,
             e_stop_differs: Persist::default(),
+            fault_line: Persist::default(),
             lasting: None,
             outputs: Outputs::default(),
             drives: [DriveInput::default(); N],
@@ -283,6 +288,10 @@ impl<const N: usize> Controller<N> {
         // Measure, watch, act, command: a fault of this tick's inputs changes this tick's outputs.
         self.measure(inputs);
         let noisy = self.line_noise.update(inputs.line_errors);
+        let has_line = self.active.as_ref().is_some_and(|active| active.fault_line);
+        if has_line {
+            self.watch_fault_line(inputs.fault_line_low);
+        }
         if self.is_armed() {
             if noisy {
                 self.trip(FaultId::L18, 0, self.line_noise.errors(), 0);
@@ -297,6 +306,20 @@ impl<const N: usize> Controller<N> {
         }
         self.heartbeat.forget_expired(now);
         self.command(inputs);
+    }
+
+    /// Another board is not well, or this one pulls the fault line itself (L19).
+    // Out of line: within the tick it costs registers there.
+    #[inline(never)]
+    fn watch_fault_line(&mut self, low: bool) {
+        if low {
+            self.limits.insert(Limit::FaultLine);
+        }
+        let lasts = self.fault_line.update(low, FAULT_LINE_TICKS);
+        // A bare winch is worked on alone, and a board with a fault pulls the line itself.
+        if lasts && self.is_armed() && self.service.is_none() && !self.latch.is_set() {
+            self.trip(FaultId::L19, 0, 0, 0);
+        }
     }
 
     /// Brakes are commanded to hold the drums, or are about to open.

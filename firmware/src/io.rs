@@ -70,6 +70,8 @@ pub struct Inputs<const N: usize> {
     /// Errors that the serial line's receiver has counted since the last tick: framing, noise,
     /// overrun (L18).
     pub line_errors: u16,
+    /// The fault line that all boards of a robot share is low: one of them is not well (L19).
+    pub fault_line_low: bool,
 }
 
 impl<const N: usize> Default for Inputs<N> {
@@ -83,6 +85,7 @@ impl<const N: usize> Default for Inputs<N> {
             gripper_switch: false,
             overrun: false,
             line_errors: 0,
+            fault_line_low: false,
         }
     }
 }
@@ -154,6 +157,8 @@ pub struct Outputs<const N: usize> {
     pub scan: bool,
     /// Send frames through the CAN controller and back, without the bus.
     pub can_loop: bool,
+    /// Keep the fault line from falling: no fault is latched.
+    pub well: bool,
 }
 
 impl<const N: usize> Default for Outputs<N> {
@@ -165,6 +170,7 @@ impl<const N: usize> Default for Outputs<N> {
             gripper_closed: false,
             scan: false,
             can_loop: false,
+            well: false,
         }
     }
 }

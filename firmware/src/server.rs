@@ -164,13 +164,17 @@ impl<const N: usize> Server<N> {
     /// The state now.
     #[must_use]
     pub fn status(&self, counters: &LinkCounters) -> Status {
-        Status {
-            frames_ok: counters.frames_ok,
-            frames_bad: counters.frames_bad,
-            telemetry_dropped: counters.telemetry_dropped,
-            sequence_errors: self.sequence_errors,
-            ..self.controller.status()
-        }
+        let mut status = self.controller.status();
+        self.add_counters(&mut status, counters);
+        status
+    }
+
+    /// In place: a state is large.
+    fn add_counters(&self, status: &mut Status, counters: &LinkCounters) {
+        status.frames_ok = counters.frames_ok;
+        status.frames_bad = counters.frames_bad;
+        status.telemetry_dropped = counters.telemetry_dropped;
+        status.sequence_errors = self.sequence_errors;
     }
 
     /// The reply to a damaged frame, so that the host need not wait for its timeout (L1, L3).
@@ -204,7 +208,7 @@ impl<const N: usize> Server<N> {
         let mut result = self.dispatch(now, command);
         match &mut result {
             Ok(Reply::Info(info)) => info.simulated = self.simulated,
-            Ok(Reply::Status(status)) => *status = self.status(counters),
+            Ok(Reply::Status(status)) => self.add_counters(status, counters),
             _ => {}
         }
         Answer {

@@ -214,6 +214,18 @@ fn the_net_list_keeps_every_pin_within_what_it_stands() {
         }
         assert!(!net.parts().any(|part| part == "U1"), "{}", net.name);
     }
+    // A board that does not hold the gate low pulls the line, by the line's own supply; the chip's 3.3 V is not in it.
+    let well = net_of("U1", "PA11");
+    assert!(joins(well, "FAULT_LINE_SUPPLY", "10k"));
+    assert!(well.parts().any(|part| value(part) == "AO3400A"));
+    assert!(joins(net_of("U1", "PA2"), "FAULT_LINE", "1k"));
+    let supply = nets.iter().find(|net| net.name == "FAULT_LINE_SUPPLY");
+    assert!(
+        supply
+            .unwrap()
+            .parts()
+            .all(|part| ["J17", "R35"].contains(&part))
+    );
     let emergency = net_of("U1", "PB5");
     assert!(joins(emergency, "+3V3", "2k2") && joins(emergency, "GND", "100nF"));
 }

@@ -88,6 +88,8 @@ keys! {
         TensionPeriodUs = 9,
         /// 1 closes the brakes under torque while the robot holds, 0 leaves them open.
         HoldBrakes = 10,
+        /// 1: the board stops while the fault line between the boards is low, 0: it has no such line.
+        FaultLine = 11,
     }
 }
 

@@ -1,6 +1,6 @@
 //! Stable numbers of all faults.
 //!
-//! A fault's number is `16 * group + row`: L = 0 and 1 (18 rows), S = 2, D = 3, B = 4, P = 5,
+//! A fault's number is `16 * group + row`: L = 0 and 1 (19 rows), S = 2, D = 3, B = 4, P = 5,
 //! C = 6, K = 7, F = 8. Numbers are never reused.
 
 use crate::Tick;
@@ -67,6 +67,7 @@ faults! {
     L16 = 16, "host does not read telemetry";
     L17 = 17, "protocol version mismatch";
     L18 = 18, "noise on the serial line";
+    L19 = 19, "another board has stopped: the fault line is low";
     S1 = 33, "encoder glitch";
     S2 = 34, "encoder stuck while the drum is commanded to move";
     S3 = 35, "encoder counter wrap";
@@ -190,6 +191,8 @@ pub enum Limit {
     TensionNoisy = 9,
     /// A drive warns, of heat or another condition.
     DriveWarns = 10,
+    /// The fault line between the boards was low.
+    FaultLine = 11,
 }
 
 /// A set of [`Limit`]s, one bit each.

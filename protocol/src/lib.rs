@@ -47,8 +47,8 @@ pub use frame::{Channel, Deframer, FrameError, encode_frame};
 pub use hello::{Compatibility, Hello, ResetCause};
 pub use list::{List, PerCable};
 pub use message::{
-    Answer, BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, CanErrors, Command, Info, Kept,
-    Reject, Reply, Request, SequenceNumber, SessionId, StopKind, Winch,
+    Answer, BENCH_FAULT_LINE, BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, CanErrors, Command,
+    Info, Kept, Reject, Reply, Request, SequenceNumber, SessionId, StopKind, Winch,
 };
 pub use motion::{CableKnot, Coefficient, Knot, ResidualRow};
 pub use telemetry::{BoardState, Sample, SampleBlock, Status};

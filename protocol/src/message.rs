@@ -169,13 +169,16 @@ pub enum BenchTest {
     /// Sets one output for [`BENCH_OUTPUT_MS`]; it falls by itself. Only without a configuration,
     /// so that no drive has received a command.
     Output {
-        /// 1 to 4: a brake opens. 5: the gripper closes. 6: the drives get power.
+        /// 1 to 4: a brake opens. 5: the gripper closes. 6: the drives get power. 7
+        /// ([`BENCH_FAULT_LINE`]): the board pulls the fault line low, with a configuration, too.
         output: u8,
     },
 }
 
 /// Number of outputs that a self-test can set.
 pub const BENCH_OUTPUTS: u8 = 6;
+/// The output that pulls the fault line low.
+pub const BENCH_FAULT_LINE: u8 = 7;
 /// Duration of the output, ms.
 pub const BENCH_OUTPUT_MS: u16 = 300;
 

@@ -162,6 +162,7 @@ fn channels_states_stops_and_advice_are_described() {
         Limit::BrakeSlips,
         Limit::TensionNoisy,
         Limit::DriveWarns,
+        Limit::FaultLine,
     ]
     .map(|limit| ((limit as u8).to_string(), format!("`{limit:?}`")));
     assert_rows(by_bit, &limits);

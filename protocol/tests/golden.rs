@@ -248,7 +248,7 @@ fn l17_while_the_major_version_is_0_only_the_same_minor_version_moves() {
 #[test]
 fn faults_keep_their_numbers() {
     let rows: [(u8, &str, u8); 8] = [
-        (0, "L", 18),
+        (0, "L", 19),
         (32, "S", 12),
         (48, "D", 7),
         (64, "B", 3),
@@ -292,6 +292,7 @@ fn configuration_keys_keep_their_numbers() {
         "FeedbackTimeoutMs",
         "TensionPeriodUs",
         "HoldBrakes",
+        "FaultLine",
     ];
     let cable = [
         "Control",
@@ -383,6 +384,7 @@ fn limits_keep_their_bits() {
         Limit::BrakeSlips,
         Limit::TensionNoisy,
         Limit::DriveWarns,
+        Limit::FaultLine,
     ];
     for (bit, limit) in (0..).zip(bits) {
         let mut limits = Limits::default();

@@ -134,6 +134,14 @@ pub trait VirtualBoard {
     fn line_errors(&mut self, errors: u16) {
         let _ = errors;
     }
+    /// Level of the fault line at its input from now on; a board without the line sees it low.
+    fn hear_fault_line(&mut self, high: bool) {
+        let _ = high;
+    }
+    /// Whether it keeps its transistor from pulling the fault line low.
+    fn lets_fault_line_rise(&self) -> bool {
+        false
+    }
     /// The board's state.
     fn state(&self) -> mcdpr_firmware::State;
     /// Path time of the motion in progress, ms.
@@ -224,6 +232,8 @@ pub(crate) struct Board<const N: usize> {
     drives: DriveBus<N>,
     now: Tick,
     line_errors: u16,
+    /// Level of the fault line at its input.
+    fault_line: bool,
     version: Option<WireVersion>,
     memory: Memory<N>,
     /// Drives that the board commanded before its reset, until it has stopped them.
@@ -262,6 +272,7 @@ impl<const N: usize> Board<N> {
             drives: DriveBus::default(),
             now: first_tick,
             line_errors: 0,
+            fault_line: false,
             version,
             memory: Memory::default(),
             to_stop: None,
@@ -325,6 +336,7 @@ struct Rim<'a, const N: usize> {
     ring: &'a mut Ring,
     drives: &'a mut DriveBus<N>,
     line_errors: u16,
+    fault_line: bool,
     memory: &'a mut Memory<N>,
     cables: &'a [usize; N],
     /// Whether the gripper is on this board.
@@ -349,6 +361,7 @@ impl<const N: usize> io::Board<N> for Rim<'_, N> {
         inputs.e_stop = sensors.e_stop;
         inputs.gripper_switch = self.plant.gripper_switch();
         inputs.line_errors = self.line_errors;
+        inputs.fault_line_low = !self.fault_line;
         for (channel, &cable) in self.cables.iter().enumerate() {
             inputs.encoders[channel] = sensors.encoder_counts[cable];
             inputs.tension_adc[channel] = sensors.adc[cable];
@@ -420,6 +433,7 @@ impl<const N: usize> VirtualBoard for Board<N> {
             ring: &mut self.ring,
             drives: &mut self.drives,
             line_errors: self.line_errors,
+            fault_line: self.fault_line,
             memory: &mut self.memory,
             cables: &self.cables,
             first: self.number == 0,
@@ -459,6 +473,14 @@ impl<const N: usize> VirtualBoard for Board<N> {
 
     fn line_errors(&mut self, errors: u16) {
         self.line_errors = errors;
+    }
+
+    fn hear_fault_line(&mut self, high: bool) {
+        self.fault_line = high;
+    }
+
+    fn lets_fault_line_rise(&self) -> bool {
+        self.outputs().well
     }
 
     fn state(&self) -> mcdpr_firmware::State {

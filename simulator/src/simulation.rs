@@ -39,6 +39,8 @@ pub(crate) struct Port {
     pub(crate) clock: Clock,
     /// The plant's cables on it, where several boards share the plant.
     pub(crate) cables: Vec<usize>,
+    /// Its connection to the fault line, where there are several boards.
+    pub(crate) fault_line: several::FaultLineTap,
 }
 
 impl Port {
@@ -59,6 +61,7 @@ impl Port {
             powered: true,
             clock,
             cables: Vec::new(),
+            fault_line: several::FaultLineTap::default(),
         }
     }
 
@@ -207,7 +210,7 @@ impl Simulation {
     pub fn set_power_of(&mut self, board: usize, on: bool) -> Result<(), PlantError> {
         let port = &mut self.ports[board];
         if on && !port.powered {
-            self.plant.restart_encoders();
+            self.plant.restart_encoders(&port.cables);
             port.board.power_on()?;
         }
         port.powered = on;
@@ -224,19 +227,7 @@ impl Simulation {
     /// # Errors
     /// [`PlantError::Board`] where the board cannot start again.
     pub fn fail_board(&mut self, failure: BoardFailure, on: bool) -> Result<(), PlantError> {
-        let port = &mut self.ports[0];
-        if port.board.fail(failure, on) {
-            return Ok(());
-        }
-        if on && port.powered {
-            // Its counters start at zero with the chip, some 20 us after the failure.
-            self.plant.restart_encoders();
-            port.powered = false;
-        } else if !on && !port.powered {
-            port.board.restart(failure)?;
-            port.powered = true;
-        }
-        Ok(())
+        self.fail_board_of(0, failure, on)
     }
 
     /// A slice of time in which the board has no supply.

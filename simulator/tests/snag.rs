@@ -128,7 +128,7 @@ fn entries(winches: Winches, params: &PlantParams) -> Vec<ConfigEntry> {
         BoardKey::ResidualMs => 100,
         BoardKey::EnableMs => 1100,
         BoardKey::FeedbackTimeoutMs => 10,
-        BoardKey::HoldBrakes => 0,
+        BoardKey::HoldBrakes | BoardKey::FaultLine => 0,
     };
     let entry = |key, value| ConfigEntry { key, value };
     let of_board = |key: &BoardKey| entry(ConfigKey::board(*key), board(key));

@@ -29,6 +29,7 @@ pub const fn limit(limit: Limit) -> &'static str {
         Limit::BrakeSlips => "a brake let its drum turn: torque stays on",
         Limit::TensionNoisy => "a tension reading is noisy",
         Limit::DriveWarns => "a drive warns",
+        Limit::FaultLine => "the fault line is low",
     }
 }
 

@@ -1,114 +1,16 @@
 //! One robot on several boards: start, clocks, and stops that are those of all.
 
+mod two_boards;
+
 use mcdpr_core::control::{Handle, Order};
-use mcdpr_core::link::{ClientError, Link, LinkError};
-use mcdpr_core::motion::{Model, Plan, Task};
+use mcdpr_core::link::{ClientError, LinkError};
+use mcdpr_core::motion::{Model, Plan};
 use mcdpr_core::robot::{BuiltInModules, Robot};
-use mcdpr_core::run::{Homing, NoStore, Recorder, RunError, Session};
+use mcdpr_core::run::{Homing, NoStore, RunError, Session};
 use mcdpr_protocol::{BoardState, SessionId};
-use mcdpr_simulator::{BoardTime, LinkOptions, Simulation, TracePoint, WireFaults};
+use mcdpr_simulator::{BoardTime, Simulation, TracePoint, WireFaults};
 use mcdpr_twin::SimulatedLink;
-use mcdpr_twin::line::in_process;
-use mcdpr_twin::plant::{Mismatch, at_rest};
-use std::cell::RefCell;
-use std::rc::Rc;
-
-/// Crystals 120 ppm apart, ticks three quarters of a millisecond apart.
-const APART: [BoardTime; 2] = [
-    BoardTime {
-        slow_ppm: 60.0,
-        begins_us: 110.0,
-    },
-    BoardTime {
-        slow_ppm: -60.0,
-        begins_us: 860.0,
-    },
-];
-
-/// Both boards by one clock.
-const IN_STEP: [BoardTime; 2] = [BoardTime {
-    slow_ppm: 0.0,
-    begins_us: 110.0,
-}; 2];
-
-fn model() -> Model {
-    Model::new(&Robot::built_in("eight-two-boards").unwrap()).unwrap()
-}
-
-fn robot_line(model: &Model, seed: u64, times: &[BoardTime]) -> SimulatedLink {
-    let robot = model.robot();
-    let plant = at_rest(model, robot, &Mismatch::default(), seed, None).unwrap();
-    let line = LinkOptions::default();
-    SimulatedLink::timed(robot, plant, &line, seed, &in_process, times).unwrap()
-}
-
-/// Time, µs, and the states of both boards.
-type Seen = Vec<(u64, [BoardState; 2])>;
-
-/// A line that looks at the boards while its time passes, and disturbs the robot once.
-struct Watching<F> {
-    inner: SimulatedLink,
-    act: F,
-    seen: Rc<RefCell<Seen>>,
-}
-
-impl<F: FnMut(&mut Simulation, u64)> Link for Watching<F> {
-    fn now_us(&self) -> u64 {
-        self.inner.now_us()
-    }
-
-    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
-        self.inner.send(bytes)
-    }
-
-    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
-        loop {
-            let piece_us = until_us.min(self.inner.now_us() + 250);
-            let before = into.len();
-            let now = self.inner.receive(piece_us, into)?;
-            let states = self.inner.with(|simulation| {
-                (self.act)(simulation, now);
-                [simulation.look_at(0).0, simulation.look_at(1).0]
-            });
-            let mut seen = self.seen.borrow_mut();
-            if seen.last().is_none_or(|(_, last)| *last != states) {
-                seen.push((now, states));
-            }
-            if into.len() > before || now >= until_us {
-                return Ok(now);
-            }
-        }
-    }
-}
-
-/// Moves along the robot's own path; `act` sees the simulation and the time in the motion.
-fn run(
-    link: &SimulatedLink,
-    model: &Model,
-    handle: &Handle,
-    act: impl FnMut(&mut Simulation, u64),
-) -> (Result<Plan, RunError>, Seen) {
-    let seen = Rc::new(RefCell::new(Vec::new()));
-    let line = Watching {
-        inner: link.clone(),
-        act,
-        seen: Rc::clone(&seen),
-    };
-    let home = Homing::Place(model.robot().tool.home_in_world_m);
-    let drive = || {
-        let mut session = Session::open(model, line, SessionId(1), handle, home, &NoStore)?;
-        let task = Task::fitting(model)?;
-        let plan = session.plan(task, None)?;
-        session.arm()?;
-        link.with(Simulation::record_truth);
-        session.follow(&plan, &mut Recorder::default(), |_| {})?;
-        session.disarm()?;
-        Ok(plan)
-    };
-    let done = drive();
-    let seen = seen.borrow().clone();
-    (done, seen)
-}
+use two_boards::{APART, IN_STEP, disturbed, model, robot_line, run, without_line};
 
 /// How much later the drums of a board are than the plan, s: least squares over the motion, a
 /// constant offset of each length aside.
@@ -173,54 +75,6 @@ fn first_us(
     })
 }
 
-/// What came of a disturbance.
-struct After {
-    done: Result<Plan, RunError>,
-    /// State of the first board in every tick, with the time since the disturbance, s.
-    first: Vec<(f64, BoardState)>,
-    /// State of the second board at the end.
-    second: BoardState,
-}
-
-impl After {
-    /// When the first board was in one of these states, s.
-    fn first_s(&self, wanted: &[BoardState]) -> Option<f64> {
-        let found = self.first.iter().find(|(_, state)| wanted.contains(state));
-        found.map(|(after_s, _)| *after_s)
-    }
-}
-
-/// Moves, and at 3 s of the motion does something; `then_us` after the host's end, what the boards do
-/// by themselves is looked at.
-fn disturbed(seed: u64, then_us: u64, act: impl Fn(&mut Simulation)) -> After {
-    let model = model();
-    let link = robot_line(&model, seed, &APART);
-    let when = Rc::new(RefCell::new(None));
-    let noted = Rc::clone(&when);
-    let (done, _) = run(&link, &model, &Handle::new(), move |simulation, _| {
-        if noted.borrow().is_none() && simulation.path_ms() >= 3000 {
-            *noted.borrow_mut() = Some(simulation.plant().time_s());
-            act(simulation);
-        }
-    });
-    let at_s = when.borrow().expect("the motion came to its third second");
-    // What the boards do by themselves after the host has gone.
-    link.with(|simulation| {
-        let until_us = simulation.now_us() + then_us;
-        while simulation.now_us() < until_us {
-            let mut unread = [Vec::new(), Vec::new()];
-            simulation.advance_all(until_us, &mut unread).unwrap();
-        }
-    });
-    let trace = link.with(Simulation::take_trace);
-    let after = trace.iter().map(|p| (p.truth.time_s - at_s, p.state));
-    After {
-        done,
-        first: after.filter(|(after_s, _)| *after_s >= 0.0).collect(),
-        second: link.with(|simulation| simulation.look_at(1).0),
-    }
-}
-
 #[test]
 fn a_stop_is_the_same_stop_on_both_boards() {
     let model = model();
@@ -249,6 +103,7 @@ fn a_fault_on_one_board_stops_the_other() {
     use BoardState::{Disarmed, Fault, Stopping};
     // The sixth cable is on the second board. A drive counts as lost after 10 ms.
     let after = disturbed(3, 2_500_000, |simulation| {
+        without_line(simulation);
         simulation.plant_mut().faults_mut().cables[5].drive.silent = true;
     });
     let Err(RunError::Fault { record }) = after.done else {
@@ -272,7 +127,8 @@ fn a_dead_line_of_one_board_makes_both_hold() {
         ..WireFaults::default()
     };
     let after = disturbed(4, 500_000, |simulation| {
-        simulation.set_faults_of(1, dead, dead)
+        without_line(simulation);
+        simulation.set_faults_of(1, dead, dead);
     });
     let Err(RunError::Client(ClientError::Link(LinkError::Boards { what, .. }))) = &after.done
     else {
@@ -290,6 +146,7 @@ fn a_dead_line_of_one_board_makes_both_hold() {
 fn a_board_without_supply_makes_the_other_hold() {
     use BoardState::Pausing;
     let after = disturbed(5, 500_000, |simulation| {
+        without_line(simulation);
         simulation.set_power_of(1, false).unwrap();
     });
     let Err(RunError::Client(ClientError::Link(LinkError::Boards { what, .. }))) = &after.done
@@ -398,6 +255,8 @@ fn a_channel_twice_or_missing_and_a_board_twice_are_refused_with_their_key() {
         text.replacen(next, &format!("{next}\nboard = 2\nchannel = 1"), 1)
     };
     refused(&twice, "`channel` 1 of board 2 already drives cable 5");
+    let line = |text: &str| text.replacen("fault_line = true", "", 1);
+    refused(&line, "`fault_line` is not on board 1, too");
     let id = "id = \"0123456789abcdef01234567\"";
     let same = |text: &str| text.replace("[[board]]", &format!("[[board]]\n{id}\n#"));
     refused(&same, "is already that of board 1");

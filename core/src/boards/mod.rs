@@ -10,6 +10,7 @@
 
 mod claim;
 mod course;
+mod fault_line;
 mod layout;
 mod motion;
 mod phase;
@@ -24,12 +25,13 @@ use crate::machine::{OutOfRange, configuration, hash_of};
 use crate::robot::Robot;
 use claim::Claim;
 use course::Course;
+use fault_line::LineProof;
 use layout::Layout;
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
 use mcdpr_protocol::message::{decode_command, encode_answer, encode_status};
 use mcdpr_protocol::{
-    Answer, BoardState, Channel, Command, ConfigEntry, ConfigHash, Deframer, Hello, Knot, Reject,
-    Reply, Request, SequenceNumber, SessionId, Status,
+    Answer, BoardState, Channel, Command, ConfigEntry, ConfigHash, Deframer, FaultId, Hello, Knot,
+    Reject, Reply, Request, SequenceNumber, SessionId, Status,
 };
 use phase::Phase;
 use port::Port;
@@ -139,8 +141,12 @@ pub struct Boards<L: Lines> {
     relayed: Option<(mcdpr_protocol::StopKind, u64)>,
     /// What the host was told last.
     told: Option<(BoardState, Option<mcdpr_protocol::FaultRecord>, u64)>,
-    /// The board whose fault came first.
+    /// The board whose fault came first, and when a fault was first told, µs.
     culprit: Option<usize>,
+    blamed_us: u64,
+    /// The boards have a fault line, and its proof before they arm.
+    fault_line: bool,
+    line_proof: Option<LineProof>,
 }
 
 impl<L: Lines> Boards<L> {
@@ -183,6 +189,9 @@ impl<L: Lines> Boards<L> {
             relayed: None,
             told: None,
             culprit: None,
+            blamed_us: 0,
+            fault_line: robot.boards.iter().any(|board| board.fault_line),
+            line_proof: None,
         }))
     }
 
@@ -199,6 +208,7 @@ impl<L: Lines> Boards<L> {
         self.asked.clear();
         self.ahead.clear();
         self.course = None;
+        self.line_proof = None;
         (self.relayed, self.told, self.culprit) = (None, None, None);
         self.merger = Merger::new(self.layout.len());
         self.claim = Claim::begun(self.lines.count(), self.lines.now_us());
@@ -286,6 +296,9 @@ impl<L: Lines> Boards<L> {
         if self.asked.iter().any(|asked| asked.sequence == sequence) {
             return Ok(());
         }
+        if matches!(request, Request::Stop(_)) {
+            self.drop_proof();
+        }
         if request == Request::Open {
             if self.session != session {
                 self.enter(session);
@@ -328,6 +341,8 @@ impl<L: Lines> Boards<L> {
 
     /// A sequenced request.
     fn execute(&mut self, sequence: SequenceNumber, request: Request) {
+        // A host that does not wait for its arming has given it up.
+        self.drop_proof();
         let now_us = self.lines.now_us();
         let done = |result| (result, Vec::new());
         let boards = self.members.len();
@@ -396,9 +411,17 @@ impl<L: Lines> Boards<L> {
             self.since_us = now_us;
             self.relayed = None;
         }
+        let left = errands.len();
+        let arms = matches!(request, Request::Arm { .. }) && result.is_ok();
+        let errands = if arms && self.proves_line() {
+            self.line_proof = Some(LineProof::begun(sequence, errands, boards, now_us));
+            Vec::new()
+        } else {
+            errands
+        };
         self.waiting.push_back(Waiting {
             sequence,
-            left: errands.len(),
+            left,
             start: request == Request::Start && result.is_ok(),
             result,
             changes,
@@ -453,6 +476,7 @@ impl<L: Lines> Boards<L> {
             }
             self.take_from(board);
         }
+        self.prove_line(now_us)?;
         self.settle_asked()?;
         self.watch(now_us)?;
         self.go_on();
@@ -501,7 +525,13 @@ impl<L: Lines> Boards<L> {
             let waiting = self.waiting.iter_mut().find(|w| w.sequence == of);
             if let Some(waiting) = waiting {
                 waiting.left = waiting.left.saturating_sub(1);
-                if let (Err(reject), true) = (result, waiting.result.is_ok()) {
+                // The board with the cause, not one that only sees its line.
+                let follower = Reject::CauseRemains {
+                    fault: FaultId::L19,
+                };
+                if let Err(reject) = result
+                    && (waiting.result.is_ok() || waiting.result == Err(follower))
+                {
                     waiting.result = Err(self.layout.reject(board, reject));
                 }
             }
@@ -528,15 +558,20 @@ impl<L: Lines> Boards<L> {
         let Some(member) = self.members.get_mut(board) else {
             return;
         };
+        let mut faults = Vec::new();
         while let Some(event) = member.client.next_event() {
             match event {
                 Event::Status(status) => {
-                    if status.fault.is_some() {
-                        self.culprit.get_or_insert(board);
+                    if let Some(proof) = &mut self.line_proof {
+                        proof.hear(board, &status);
                     }
+                    faults.extend(status.fault);
                 }
                 Event::Samples(block) => self.merger.take(board, &member.phase, &block),
             }
+        }
+        for record in faults {
+            self.blame(board, &record);
         }
     }
 
@@ -544,7 +579,12 @@ impl<L: Lines> Boards<L> {
     fn due_us(&self) -> u64 {
         let clients = self.members.iter().map(|member| member.client.due_us());
         let watch_us = self.watch_due_us();
-        clients.min().unwrap_or(u64::MAX).min(watch_us)
+        let proof_us = self.line_proof.as_ref().map_or(u64::MAX, LineProof::due_us);
+        clients
+            .min()
+            .unwrap_or(u64::MAX)
+            .min(watch_us)
+            .min(proof_us)
     }
 }
 
@@ -588,6 +628,15 @@ impl<L: Lines> Link for Boards<L> {
 
     fn goes_on(&self) -> bool {
         self.lines.goes_on()
+    }
+}
+
+fn lost_line(what: String) -> LinkError {
+    LinkError::Boards {
+        what: format!("{what}; nothing was moved"),
+        help:
+            "check the fault line's plugs, supply and transistors (docs/wiring.md, several boards)"
+                .into(),
     }
 }
 

@@ -140,12 +140,18 @@ impl<L: Lines> Boards<L> {
                 port.inbox.append(bytes);
                 let _ = member.client.work();
             }
+            // A board that was reset speaks on, to nobody: what it says must not end every wait at once.
+            for bytes in &mut arrived {
+                bytes.clear();
+            }
         }
+        let others = if self.fault_line {
+            "stopped by the fault line, or were told to hold and close their brakes after 2 s"
+        } else {
+            "were told to hold, and close their brakes after 2 s"
+        };
         LinkError::Boards {
-            what: format!(
-                "{}: {error}; the other boards were told to hold, and close their brakes after 2 s",
-                self.name(board)
-            ),
+            what: format!("{}: {error}; the other boards {others}", self.name(board)),
             help: "check power and line of that board, then connect again".into(),
         }
     }

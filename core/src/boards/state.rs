@@ -147,16 +147,17 @@ impl<L: Lines> Boards<L> {
             Some(self.layout.fault(board, record))
         };
         let first = self.culprit.and_then(of);
-        first.or_else(|| (0..parts.len()).find_map(of))
+        let all = (0..parts.len()).filter_map(of);
+        first.or_else(|| all.min_by_key(super::fault_line::follows))
     }
 
     /// Answers the requests besides the sequence that every board has answered.
     pub(super) fn settle_asked(&mut self) -> Result<(), LinkError> {
-        while let Some(place) = self
-            .asked
-            .iter()
-            .position(|asked| asked.replies.iter().all(Option::is_some))
-        {
+        let waits = self.seeks_cause();
+        while let Some(place) = self.asked.iter().position(|asked| {
+            let answered = asked.replies.iter().all(Option::is_some);
+            answered && !(waits && asked.request == Request::Status)
+        }) {
             let Asked {
                 sequence,
                 request,
@@ -314,7 +315,8 @@ impl<L: Lines> Boards<L> {
             self.out.extend(frame.iter().take(used));
         }
         let parts: Option<Vec<&Status>> = self.members.iter().map(|m| m.client.status()).collect();
-        let Some(parts) = parts.filter(|parts| !parts.is_empty()) else {
+        let tells = |parts: &Vec<&Status>| !(parts.is_empty() || self.seeks_cause());
+        let Some(parts) = parts.filter(tells) else {
             return;
         };
         let state = joint_state(parts.iter().map(|part| part.state));

@@ -115,6 +115,8 @@ pub fn configuration(robot: &Robot) -> Result<Vec<ConfigEntry>, OutOfRange> {
         whole(robot.bus.tension_period_us),
     );
     board(BoardKey::HoldBrakes, i32::from(robot.tension.hold_braked));
+    let fault_line = robot.boards.iter().any(|board| board.fault_line);
+    board(BoardKey::FaultLine, i32::from(fault_line));
     for index in 0..robot.cables.len() {
         if let Some(winch) = robot.winch_of(index) {
             cable(robot, index, winch, &mut entries)?;

@@ -18,9 +18,11 @@ pub(super) fn boards(reader: &mut Reader, tables: &[Values], cables: &[Values]) 
         }
         boards.push(Board {
             id,
+            fault_line: table.switch(key!(BOARD, "fault_line")),
             cables: Vec::new(),
         });
     }
+    check_fault_line(reader, tables, &boards);
     let channels: Vec<usize> = tables
         .iter()
         .map(|table| usize::try_from(table.whole(key!(BOARD, "channels"))).unwrap_or(0))
@@ -65,6 +67,33 @@ pub(super) fn boards(reader: &mut Reader, tables: &[Values], cables: &[Values]) 
         }
     }
     boards
+}
+
+/// The line connects all boards, and one alone has nobody to tell.
+fn check_fault_line(reader: &mut Reader, tables: &[Values], boards: &[Board]) {
+    let Some(without) = boards.iter().position(|board| !board.fault_line) else {
+        if let [only] = tables {
+            reader.problem(
+                &only.at(key!(BOARD, "fault_line")),
+                &only.place,
+                "`fault_line` of a robot with one board".into(),
+                Some("a fault line connects several boards: leave the key out".into()),
+            );
+        }
+        return;
+    };
+    let with = tables
+        .iter()
+        .zip(boards)
+        .find(|(_, board)| board.fault_line);
+    if let Some((table, _)) = with {
+        reader.problem(
+            &table.at(key!(BOARD, "fault_line")),
+            &table.place,
+            format!("`fault_line` is not on board {}, too", without + 1),
+            Some("the line connects all boards: write it in every [[board]], or in none".into()),
+        );
+    }
 }
 
 fn check_id(reader: &mut Reader, table: &Values, id: &str, before: &[Board]) {

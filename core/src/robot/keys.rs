@@ -252,6 +252,12 @@ pub(crate) static BOARD: Section = Section {
             Whole(4),
             "winches that the board drives",
         ),
+        key(
+            "fault_line",
+            Kind::Switch,
+            Switch(false),
+            "the fault line of the wiring guide connects all boards; the same for each",
+        ),
     ],
 };
 

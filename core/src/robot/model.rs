@@ -144,6 +144,8 @@ pub struct Cable {
 pub struct Board {
     /// The board's own number, hexadecimal; `None` takes any board, in the order of the lines.
     pub id: Option<String>,
+    /// It has the fault line in common with the others.
+    pub fault_line: bool,
     /// The cable on each of its channels: index into [`Robot::cables`], channel 1 first.
     pub cables: Vec<usize>,
 }

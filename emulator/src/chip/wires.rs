@@ -104,6 +104,7 @@ impl Chip {
             drive_enable: self.bus.gpio[1].drive(3),
             gripper: self.bus.gpio[0].drive(10),
             led: self.bus.gpio[2].drive(13),
+            well: self.bus.gpio[0].drive(11),
         }
     }
 

@@ -228,7 +228,7 @@ fn entries() -> Vec<ConfigEntry> {
             BoardKey::ResidualMs => 100,
             BoardKey::EnableMs => 40,
             BoardKey::FeedbackTimeoutMs => 10,
-            BoardKey::HoldBrakes => 0,
+            BoardKey::HoldBrakes | BoardKey::FaultLine => 0,
         };
         (ConfigKey::board(key), value)
     });

@@ -3,13 +3,14 @@
 //! | pin | use | at reset | note |
 //! |---|---|---|---|
 //! | PA0, PA1 | encoder 2 A, B (TIM2) | input | 3.3 V only: buffer; pull-up |
-//! | PA2 | reserved: fault line between boards | input | not driven |
+//! | PA2 | fault line between boards | input | 3.3 V only; pull-down; low: a board is not well |
 //! | PA3 | gripper switch | input | pull-up; closed to ground |
 //! | PA4, PA5 | tension 1, 2 (ADC 4, 5) | input | 3.3 V only; 10 kOhm to 3.3 V |
 //! | PA6, PA7 | encoder 3 A, B (TIM3) | input | 3.3 V only: buffer; pull-up |
 //! | PA8, PA9 | encoder 1 A, B (TIM1) | input | buffer; pull-up |
 //! | PA10 | gripper | input | high closes |
-//! | PA11, PA12 | free | input | USB socket of common boards |
+//! | PA11 | well, to the fault line | input | open-drain; low: well; gate pulled up by the line's supply |
+//! | PA12 | free | input | USB socket of common boards, as PA11: plug nothing in |
 //! | PA13, PA14 | SWDIO, SWCLK | SWD | kept |
 //! | PA15, PB4 | free | JTAG, pulled up | freed: SWD only |
 //! | PB0, PB1 | tension 3, 4 (ADC 8, 9) | input | 3.3 V only; 10 kOhm to 3.3 V |
@@ -46,6 +47,9 @@ pub const CABLES: usize = 4;
 /// Pin 3 of port A, and so on: bits of their ports.
 const GRIPPER_SWITCH: u32 = 1 << 3;
 const GRIPPER: u32 = 1 << 10;
+const FAULT_LINE: u32 = 1 << 2;
+/// Low keeps the transistor at the fault line from pulling.
+const WELL: u32 = 1 << 11;
 const E_STOP: u32 = 1 << 5;
 const LED: u32 = 1 << 13;
 const CAN_RX: u32 = 1 << 8;
@@ -56,13 +60,14 @@ const LINK_RX: u32 = 1 << 11;
 pub fn set_up() {
     // Levels first: pull-ups, and the initial levels of outputs.
     // The output register also selects an input's pull: 1 is up.
-    set(pac::GPIOA, GRIPPER_SWITCH, GRIPPER);
+    set(pac::GPIOA, GRIPPER_SWITCH | WELL, GRIPPER | FAULT_LINE);
     set(pac::GPIOB, E_STOP | CAN_RX | LINK_RX, 0);
     safe_off();
     set(pac::GPIOC, LED, 0);
-    // Four bits a pin, pin 0 last: 0 analog, 2 output of 2 MHz, 4 floating input, 8 input with pull.
-    pac::GPIOA.cr(0).write_value(Cr(0x4400_8444));
-    pac::GPIOA.cr(1).write_value(Cr(0x4444_4244));
+    // Four bits a pin, pin 0 last: 0 analog, 2 output of 2 MHz, 4 floating input, 6 as 2 with open drain, 8 input with
+    // pull.
+    pac::GPIOA.cr(0).write_value(Cr(0x4400_8844));
+    pac::GPIOA.cr(1).write_value(Cr(0x4444_6244));
     pac::GPIOB.cr(0).write_value(Cr(0x4484_2400));
     pac::GPIOB.cr(1).write_value(Cr(0x2222_8448));
     drive_led();
@@ -88,7 +93,12 @@ pub fn gripper_switch() -> bool {
     !is_high(pac::GPIOA, GRIPPER_SWITCH)
 }
 
-/// Sets brakes, drive enable and gripper.
+/// Whether a board is not well, or the fault line's plug is pulled.
+pub fn fault_line_low() -> bool {
+    !is_high(pac::GPIOA, FAULT_LINE)
+}
+
+/// Sets brakes, drive enable, gripper and what the fault line tells.
 pub fn apply(outputs: &Outputs<CABLES>) {
     let mut open = 0;
     for brake in outputs.brakes.iter().rev() {
@@ -98,7 +108,8 @@ pub fn apply(outputs: &Outputs<CABLES>) {
     // All brakes change in the same cycle.
     set(pac::GPIOB, high, (BRAKES | DRIVE_ENABLE) & !high);
     let gripper = u32::from(outputs.gripper_closed) * GRIPPER;
-    set(pac::GPIOA, gripper, GRIPPER & !gripper);
+    let high = gripper | (u32::from(!outputs.well) * WELL);
+    set(pac::GPIOA, high, (GRIPPER | WELL) & !high);
 }
 
 /// Levels of the outputs at their pins: brakes 1 to 4, gripper, drive enable.

@@ -66,6 +66,7 @@ impl Board<CABLES> for Rim {
         inputs.tension_adc = tension::read(&mut self.supply);
         inputs.e_stop = pins::e_stop();
         inputs.gripper_switch = pins::gripper_switch();
+        inputs.fault_line_low = pins::fault_line_low();
         inputs.line_errors = link::take_line_errors();
         self.can.watch();
         self.drives.listen(&mut self.can);

@@ -10,6 +10,7 @@ use super::{
 };
 use crate::adc;
 use crate::fixed::{division, half, quotient, saturate};
+use core::cell::Cell;
 use core::ops::Range;
 use mcdpr_protocol::config::ConfigDigest;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Reject};
@@ -263,6 +264,7 @@ impl<const N: usize> ConfigStore<N> {
         let residual_ms = self.board_key(BoardKey::ResidualMs, 1, 10_000)?;
         let enable_ms = self.board_key(BoardKey::EnableMs, 0, 10_000)?;
         let hold_braked = self.board_key(BoardKey::HoldBrakes, 0, 1)? == 1;
+        let fault_line = self.board_key(BoardKey::FaultLine, 0, 1)? == 1;
         let feedback_timeout_ms = self.feedback_timeout_ms()?;
         if active.is_none() {
             // From a constant: it would otherwise be built on the stack first.
@@ -278,6 +280,7 @@ impl<const N: usize> ConfigStore<N> {
         active.enable_ms = enable_ms.cast_unsigned();
         active.feedback_timeout_ms = feedback_timeout_ms;
         active.hold_braked = hold_braked;
+        active.fault_line = fault_line;
         Ok(())
     }
 
@@ -290,44 +293,40 @@ impl<const N: usize> ConfigStore<N> {
         periods: Periods,
         slot: Option<&mut CableConfig>,
     ) -> Result<(), Reject> {
-        let fields = self.cables.get(usize::from(index));
-        let key = |key: CableKey, low: i32, high: i32| {
-            let value = fields.and_then(|fields| fields.get(key as usize - 1));
-            checked(ConfigKey::cable(index, key), value, low, high)
+        let Some(values) = self.cables.get(usize::from(index)) else {
+            return Ok(());
         };
-        let refuse = |key: CableKey| Reject::ConfigValue {
-            key: ConfigKey::cable(index, key).0,
+        let fields = Fields {
+            values,
+            refused: Cell::new(None),
+        };
+        let key = |key, low, high| fields.take(key, low, high);
+        // A divisor, or a sign.
+        let not_zero = |key, low, high| match fields.take(key, low, high) {
+            0 => fields.refuse(key, high),
+            value => value,
         };
         // 1 mm to 500 mm keeps every product below in 64 bits; 312689/49766 is 2 pi to 1e-11.
         // Largest radius: 5,000,000 x 312,689 x 2^20 is 1.6e18, under 2^63.
-        let radius = key(CableKey::DrumRadius, 10_000, 5_000_000)?;
+        let radius = key(CableKey::DrumRadius, 10_000, 5_000_000);
         let circumference_q20 = quotient::<49_766>((i64::from(radius) * 312_689) << 20);
         let circumference_q8 = (circumference_q20 + half(12)) >> 12;
-        let counts = key(CableKey::EncoderCountsPerTurn, 16, 1_000_000)?;
-        let sign = key(CableKey::EncoderSign, -1, 1)?;
-        if sign == 0 {
-            return Err(refuse(CableKey::EncoderSign));
-        }
+        let counts = key(CableKey::EncoderCountsPerTurn, 16, 1_000_000);
+        let sign = not_zero(CableKey::EncoderSign, -1, 1);
         // Example: 20 mm and 4096 counts give 306.8 of 0.1 um, 30.7 um per count.
         let per_count_q24 = i64::from(sign) * rounded(circumference_q20 << 4, i64::from(counts));
-        let motor_counts = key(CableKey::MotorCountsPerTurn, -8_000_000, 8_000_000)?;
-        if motor_counts == 0 {
-            return Err(refuse(CableKey::MotorCountsPerTurn));
-        }
-        let per_rev = key(CableKey::MotorCountsPerRev, 4, 1_000_000)?;
+        let motor_counts = not_zero(CableKey::MotorCountsPerTurn, -8_000_000, 8_000_000);
+        let per_rev = key(CableKey::MotorCountsPerRev, 4, 1_000_000);
         // Counts per 0.1 um: 1,520,148 per turn of 125.7 mm are 1.21.
         let motor_per_length_q32 = division(i64::from(motor_counts) << 40, circumference_q8);
         // µm/s to rpm: ten 0.1 µm per µm, 60 s per minute.
         // Example: 4096 counts per turn and 1.21 per 0.1 um are 0.177 rpm per um/s.
         let rpm_per_speed_q32 = division(motor_per_length_q32.abs() * 600, i64::from(per_rev));
-        let force = key(CableKey::ForcePerCurrent, -100_000_000, 100_000_000)?;
-        if force == 0 {
-            return Err(refuse(CableKey::ForcePerCurrent));
-        }
-        let gain = i64::from(key(CableKey::TensionGain, 1, 10_000_000)?);
-        let zero_uv = i64::from(key(CableKey::TensionZeroUv, -3_300_000, 3_300_000)?);
-        let tension_max_mn = key(CableKey::TensionMax, 1, 10_000_000)?;
-        let floor_mn = key(CableKey::TensionFloor, 0, tension_max_mn)?;
+        let force = not_zero(CableKey::ForcePerCurrent, -100_000_000, 100_000_000);
+        let gain = i64::from(key(CableKey::TensionGain, 1, 10_000_000));
+        let zero_uv = i64::from(key(CableKey::TensionZeroUv, -3_300_000, 3_300_000));
+        let tension_max_mn = key(CableKey::TensionMax, 1, 10_000_000);
+        let floor_mn = key(CableKey::TensionFloor, 0, tension_max_mn);
         // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
         // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
         // 3.3 x 2^24 / 65,536 is 844.8.
@@ -339,42 +338,42 @@ impl<const N: usize> ConfigStore<N> {
         let rail_q24 = i64::from(adc::RAIL_HIGH) * tension_per_adc_q24 - tension_zero_q24;
         let trusted_mn = quotient::<10>(MOST_OF_RAIL_TENTHS * (rail_q24 >> 24));
         let most_mn = tension_max_mn.min(saturate(trusted_mn));
-        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, most_mn)?;
-        let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000)?;
-        let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
+        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, most_mn);
+        let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000);
+        let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000));
         let alpha_q16 = alpha_q16_of(filter_mhz);
-        let corner_alpha_q16 = match key(CableKey::SpeedCornerMhz, 0, 400_000)? {
+        let corner_alpha_q16 = match key(CableKey::SpeedCornerMhz, 0, 400_000) {
             // A share of 1: no low-pass.
             0 => 1 << 16,
             corner_mhz => alpha_q16_of(i64::from(corner_mhz)),
         };
         // Example: 244,336 for 0.45 m. In 32 bits, for the chip's divider.
-        let gain_per_length_q40 = match key(CableKey::GainLength, 0, 2_000_000_000)? {
+        let gain_per_length_q40 = match key(CableKey::GainLength, 0, 2_000_000_000) {
             0 => 0,
             length => i32::MAX / (length.max(LEAST_GAIN_LENGTH) >> 8) * 2,
         };
-        let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
+        let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000);
         // One millisecond at one and a half times the largest speed, and a count of rounding.
         // um/s are 0.01 of 0.1 um per ms; one and a half of that is 15 / 1000.
         let step = quotient::<1000>(i64::from(max_speed_umps) * 15 * (1 << 24));
         let step = division(step, per_count_q24).abs() + 2;
-        let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000)?;
+        let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000);
         // mA times mN/A is µN.
         // Example: 0.5 A at 112 N/A are 56 N.
         let most_force_mn =
             quotient::<1000>(i64::from(max_current_ma) * i64::from(force.abs())).max(1);
-        let mass_g = key(CableKey::DrumMass, 0, 100_000_000)?;
+        let mass_g = key(CableKey::DrumMass, 0, 100_000_000);
         // g times µm/s over mN is µs.
         // Example: 34 kg and 56 N are 0.61 us per um/s, 18 ms from 30 mm/s.
         let stop_q16 = division(i64::from(mass_g) << 16, most_force_mn);
-        let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
+        let lead_us = key(CableKey::LeadUs, 0, 100_000);
         // A bus has no drive 0: that number addresses all of them. 127 is the board itself.
-        let node = key(CableKey::Node, 1, 126)?;
+        let node = key(CableKey::Node, 1, 126);
         // Numbers with four bits of 0 address every RMDS of a group.
         if node & 15 == 0 && self.drive_kind()? == DriveKind::Rmds {
-            return Err(refuse(CableKey::Node));
+            fields.refuse(CableKey::Node, 0);
         }
-        let control = match key(CableKey::Control, 0, 1)? {
+        let control = match key(CableKey::Control, 0, 1) {
             0 => Control::Length,
             _ => Control::Tension,
         };
@@ -384,7 +383,7 @@ impl<const N: usize> ConfigStore<N> {
             Control::Length => (periods.by_length, periods.by_length / periods.by_tension),
             Control::Tension => (periods.by_tension, 1),
         };
-        let brake_play = key(CableKey::BrakePlay, 0, MOST_PLAY)?;
+        let brake_play = key(CableKey::BrakePlay, 0, MOST_PLAY);
         let built = CableConfig {
             control,
             per_count_q24,
@@ -397,7 +396,7 @@ impl<const N: usize> ConfigStore<N> {
             rpm_per_speed_q32,
             speed_per_rpm_q16: division(1 << 48, rpm_per_speed_q32.max(1)),
             motor_reversed: motor_counts < 0,
-            max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
+            max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)),
             max_current_ma,
             // 31 / 32: a drive at its limit reports a little less than the limit.
             most_ma: max_current_ma - max_current_ma / 32,
@@ -407,37 +406,37 @@ impl<const N: usize> ConfigStore<N> {
             tension_max_mn,
             floor_mn,
             ceiling_mn,
-            law: match key(CableKey::TensionLaw, 0, 1)? {
+            law: match key(CableKey::TensionLaw, 0, 1) {
                 0 => TensionLaw::Pd,
                 _ => TensionLaw::Default,
             },
-            output: match key(CableKey::TensionOutput, 0, 1)? {
+            output: match key(CableKey::TensionOutput, 0, 1) {
                 0 => TensionOutput::Current,
                 _ => TensionOutput::Speed,
             },
-            kp_milli: key(CableKey::TensionKp, 0, 1_000_000)?,
-            kd_us: key(CableKey::TensionKd, 0, 10_000_000)?,
-            ki_milli: key(CableKey::TensionKi, 0, 10_000_000)?,
-            damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
+            kp_milli: key(CableKey::TensionKp, 0, 1_000_000),
+            kd_us: key(CableKey::TensionKd, 0, 10_000_000),
+            ki_milli: key(CableKey::TensionKi, 0, 10_000_000),
+            damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000),
             filter_alpha_q16: saturate(alpha_q16),
             corner_alpha_q16: saturate(corner_alpha_q16),
             gain_per_length_q40,
-            friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
+            friction_mn: key(CableKey::Friction, 0, 1_000_000),
             mass_g,
-            play: key(CableKey::Play, 0, MOST_PLAY)?,
+            play: key(CableKey::Play, 0, MOST_PLAY),
             brake_play,
             lead_us,
             lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
             most_force_mn: saturate(most_force_mn),
             stop_q16: saturate(stop_q16),
-            brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
-            following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
+            brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)),
+            following_error: key(CableKey::FollowingError, 10, 1_000_000) * 10,
             max_speed_umps,
-            max_acceleration_umps2: key(CableKey::MaxAcceleration, 1, 1_000_000_000)?,
-            max_jerk_mmps3: key(CableKey::MaxJerk, 1, MAX_JERK_MMPS3)?,
-            reel_speed_umps: key(CableKey::ReelSpeed, 1, 1_000_000)?,
+            max_acceleration_umps2: key(CableKey::MaxAcceleration, 1, 1_000_000_000),
+            max_jerk_mmps3: key(CableKey::MaxJerk, 1, MAX_JERK_MMPS3),
+            reel_speed_umps: key(CableKey::ReelSpeed, 1, 1_000_000),
             length_min,
-            length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
+            length_max: key(CableKey::LengthMax, length_min, 2_000_000_000),
             node: u8::try_from(node).unwrap_or(u8::MAX),
             period_ticks: period,
             // Example: four drives with a period of 2 ticks get slots 0, 0, 1, 1.
@@ -446,10 +445,39 @@ impl<const N: usize> ConfigStore<N> {
             // Counts per ms, times 60,000 ms per minute.
             rpm_per_count_q16: saturate(division(60_000 << 16, i64::from(per_rev))),
         };
+        if let Some(key) = fields.refused.get() {
+            return refused(ConfigKey::cable(index, key));
+        }
         if let Some(slot) = slot {
             *slot = built;
         }
         Ok(())
+    }
+}
+
+/// The values of a cable, and the first key that is missing or out of range. Out of line, and without a way out at each
+/// of them: that took 1 KB of flash.
+struct Fields<'a> {
+    values: &'a Slots<{ CableKey::ALL.len() }>,
+    refused: Cell<Option<CableKey>>,
+}
+
+impl Fields<'_> {
+    /// A value in its range; else the least that is permitted, and the key is refused.
+    #[inline(never)]
+    fn take(&self, key: CableKey, low: i32, high: i32) -> i32 {
+        match self.values.get(key as usize - 1) {
+            Some(value) if (low..=high).contains(&value) => value,
+            _ => self.refuse(key, low),
+        }
+    }
+
+    /// Notes the key, unless one was noted before; the configuration goes on with `instead` until its end.
+    fn refuse(&self, key: CableKey, instead: i32) -> i32 {
+        if self.refused.get().is_none() {
+            self.refused.set(Some(key));
+        }
+        instead
     }
 }
 

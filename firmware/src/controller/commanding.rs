@@ -4,6 +4,7 @@ use super::{Axis, Control, Controller, Inputs, Phase, State, concerns, is_plausi
 use crate::config::TensionLaw;
 use crate::io::{Brake, DriveDemand};
 use crate::tension::Demand;
+use mcdpr_protocol::BENCH_FAULT_LINE;
 
 impl<const N: usize> Controller<N> {
     #[inline(never)]
@@ -11,6 +12,7 @@ impl<const N: usize> Controller<N> {
         let armed = self.is_armed();
         let outputs = &mut self.outputs;
         outputs.gripper_closed = self.gripper_closed;
+        outputs.well = !self.latch.is_set();
         // The contactor opens with an emergency stop, in addition to the stop's own contacts.
         outputs.drive_enable = self.active.is_some() && self.state != State::EStop;
         outputs.scan = core::mem::take(&mut self.scan_asked);
@@ -141,11 +143,16 @@ impl<const N: usize> Controller<N> {
     fn try_output(&mut self) {
         let (output, ticks) = self.trial;
         self.trial.1 = ticks - 1;
+        let outputs = &mut self.outputs;
+        // Moves nothing: hosts prove the line before they arm.
+        if self.state == State::Disarmed && output == BENCH_FAULT_LINE {
+            outputs.well = false;
+            return;
+        }
         if self.state != State::Disarmed || self.active.is_some() {
             self.trial.1 = 0;
             return;
         }
-        let outputs = &mut self.outputs;
         match output {
             5 => outputs.gripper_closed = true,
             6 => outputs.drive_enable = true,

@@ -1,12 +1,13 @@
 //! Requests of a host, and when they are allowed: a refused request changes nothing.
 
 use super::{
-    CAPACITY, ConfigHash, Controller, Event, FaultId, Info, List, PerCable, Reject, Reply, Request,
-    Service, State, StopKind, TICKS_PER_SECOND, Tick, Winch,
+    CAPACITY, ConfigHash, Controller, Event, FAULT_LINE_TICKS, FaultId, Info, List, PerCable,
+    Persist, Reject, Reply, Request, Service, State, StopKind, TICKS_PER_SECOND, Tick, Winch,
 };
 use crate::watch::LinkHealth;
 use mcdpr_protocol::{
-    BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, Kept, Millinewtons, TenthMicrometres,
+    BENCH_FAULT_LINE, BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, Kept, Millinewtons,
+    TenthMicrometres,
 };
 
 /// Largest plausible length, 0.1 µm (200 m).
@@ -182,6 +183,10 @@ impl<const N: usize> Controller<N> {
             return Err(Reject::NotReferenced);
         }
         self.no_fault()?;
+        if service.is_none() && self.fault_line.ticks() >= FAULT_LINE_TICKS {
+            let fault = FaultId::L19;
+            return Err(Reject::CauseRemains { fault });
+        }
         self.service = service;
         if service.is_some() {
             self.forget_parked();
@@ -197,16 +202,17 @@ impl<const N: usize> Controller<N> {
         self.only_in(&[State::Disarmed, State::Fault, State::EStop])?;
         if test != BenchTest::Look {
             // Outputs are tried only without a configuration: with one, pins move real brakes of a
-            // robot that hangs.
+            // robot that hangs. The fault line moves nothing.
             self.only_in(&[State::Disarmed])?;
-            if self.active.is_some() {
+            let output = BENCH_FAULT_LINE;
+            if self.active.is_some() && test != (BenchTest::Output { output }) {
                 return Err(Reject::Configured);
             }
         }
         match test {
             BenchTest::Look => {}
             BenchTest::CanLoop => self.loop_asked = true,
-            BenchTest::Output { output } if (1..=BENCH_OUTPUTS).contains(&output) => {
+            BenchTest::Output { output } if (1..=BENCH_FAULT_LINE).contains(&output) => {
                 self.trial = (output, BENCH_OUTPUT_MS);
             }
             BenchTest::Output { output } => {
@@ -301,6 +307,7 @@ impl<const N: usize> Controller<N> {
 
     fn config_taken(&mut self) {
         self.forget_parked();
+        self.fault_line = Persist::default();
         let Some(active) = &self.active else { return };
         for (cable, config) in self.cables.iter_mut().zip(&active.cables) {
             // Lengths counted with another scale are invalid; other gains do not affect them.

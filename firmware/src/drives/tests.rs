@@ -99,6 +99,7 @@ fn active(kind: DriveKind) -> Active<2> {
         enable_ms: 1100,
         feedback_timeout_ms: 10,
         hold_braked: false,
+        fault_line: false,
         cables: [cable(Control::Length, 3, 0), cable(Control::Tension, 5, 1)],
     }
 }

@@ -108,6 +108,11 @@ impl Latch {
         self.record
     }
 
+    /// Whether a fault is latched.
+    pub(crate) const fn is_set(&self) -> bool {
+        self.record.is_some()
+    }
+
     /// Clears it.
     pub const fn clear(&mut self) {
         self.record = None;

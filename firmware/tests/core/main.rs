@@ -21,6 +21,7 @@ mod brakes;
 mod config;
 mod encoder;
 mod energy;
+mod fault_line;
 mod link_loss;
 mod motion;
 mod requests;

@@ -65,7 +65,7 @@ pub fn entries() -> Vec<ConfigEntry> {
             BoardKey::ResidualMs => 100,
             BoardKey::EnableMs => ENABLE_MS as i32,
             BoardKey::FeedbackTimeoutMs => 10,
-            BoardKey::HoldBrakes => 0,
+            BoardKey::HoldBrakes | BoardKey::FaultLine => 0,
         };
         all.push(ConfigEntry {
             key: ConfigKey::board(key),

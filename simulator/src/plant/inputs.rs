@@ -94,9 +94,12 @@ impl Plant {
 
     /// The board's encoder counters start again at zero: incremental encoders know nothing of what
     /// they counted before the supply was gone.
-    pub(crate) fn restart_encoders(&mut self) {
-        for (sensors, winch) in self.sensors.iter_mut().zip(&self.winches) {
-            sensors.restart(winch.drum_m);
+    pub(crate) fn restart_encoders(&mut self, cables: &[usize]) {
+        let all = self.sensors.iter_mut().zip(&self.winches).enumerate();
+        for (cable, (sensors, winch)) in all {
+            if cables.is_empty() || cables.contains(&cable) {
+                sensors.restart(winch.drum_m);
+            }
         }
     }
 

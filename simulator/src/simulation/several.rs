@@ -5,7 +5,7 @@
 //! each board's next step in turn, so that every board reads its sensors and sets its outputs when
 //! its own clock says so.
 
-use crate::board::{VirtualBoard, core};
+use crate::board::{BoardFailure, VirtualBoard, core};
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
 use crate::wire::LinkOptions;
@@ -45,6 +45,20 @@ impl Clock {
         let true_us = self.time.begins_us + own_us * (1.0 + self.time.slow_ppm * 1e-6);
         (true_us * 1e3) as u64
     }
+}
+
+/// A board's connection to the fault line that all boards of a robot share.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FaultLineTap {
+    /// As in the wiring guide.
+    #[default]
+    Whole,
+    /// Its plug is pulled: it sees its own pull-down, and no other board sees it.
+    Cut,
+    /// Its transistor does not pull: no board sees it, but it sees the others.
+    Mute,
+    /// Its input is shorted to 3.3 V: it sees nothing, the others see it.
+    Deaf,
 }
 
 /// One of several boards.
@@ -176,6 +190,9 @@ impl Simulation {
         {
             cell.step(&mut self.plant)?;
         }
+        let high = self.fault_line_at(board);
+        let port = &mut self.ports[board];
+        port.board.hear_fault_line(high);
         let before = port.board.now();
         port.work(&mut self.plant, now_us, &mut self.received, &mut self.send)?;
         if board == 0 {
@@ -183,6 +200,52 @@ impl Simulation {
         } else {
             Ok(())
         }
+    }
+
+    /// Level of the fault line at a board's input.
+    fn fault_line_at(&self, board: usize) -> bool {
+        let pulled = self.ports.iter().any(|port| {
+            let reaches = matches!(port.fault_line, FaultLineTap::Whole | FaultLineTap::Deaf);
+            // A transistor whose gate nobody holds low pulls: its supply comes with the line.
+            reaches && !(port.powered && port.board.lets_fault_line_rise())
+        });
+        match self.ports[board].fault_line {
+            FaultLineTap::Whole | FaultLineTap::Mute => !pulled,
+            FaultLineTap::Cut => false,
+            FaultLineTap::Deaf => true,
+        }
+    }
+
+    /// Damages one board's connection to the fault line, from 0, or mends it.
+    pub fn set_fault_line_of(&mut self, board: usize, tap: FaultLineTap) {
+        if let Some(port) = self.ports.get_mut(board) {
+            port.fault_line = tap;
+        }
+    }
+
+    /// As [`Simulation::fail_board`], for one of several boards, from 0.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn fail_board_of(
+        &mut self,
+        board: usize,
+        failure: BoardFailure,
+        on: bool,
+    ) -> Result<(), PlantError> {
+        let port = &mut self.ports[board];
+        if port.board.fail(failure, on) {
+            return Ok(());
+        }
+        if on && port.powered {
+            // Its counters start at zero with the chip, some 20 us after the failure.
+            self.plant.restart_encoders(&port.cables);
+            port.powered = false;
+        } else if !on && !port.powered {
+            port.board.restart(failure)?;
+            port.powered = true;
+        }
+        Ok(())
     }
 
     /// The robot's path begins when the first board's path time is this, ms: the record counts from

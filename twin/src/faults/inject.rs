@@ -4,7 +4,7 @@
 use super::{Injection, Snag, Supply};
 use mcdpr_protocol::FaultId;
 use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, TensionFault};
-use mcdpr_simulator::{BoardFailure, Simulation, WireFaults};
+use mcdpr_simulator::{BoardFailure, FaultLineTap, Simulation, WireFaults};
 
 /// Where a fault is injected, in words; or why it cannot be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,6 +73,7 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::L2 | FaultId::L5 | FaultId::L6 | FaultId::L7 => {
             How::Not("this program sends no such frame; tests of the board's side do")
         }
+        FaultId::L19 => How::Not("it takes a second board: `wire:BOARD` pulls its plug"),
         FaultId::L13 | FaultId::L14 => {
             How::Not("it takes a second program; start one, or see the tests")
         }
@@ -133,6 +134,10 @@ pub(super) fn apply(
         FaultId::L8 => to_board.corrupt = line(0.9),
         FaultId::L18 => to_board.noise_per_s = 20_000.0 * strength,
         FaultId::L9 => return Ok(HostSide::Silent(60_000)),
+        FaultId::L19 => {
+            simulation.set_fault_line_of(cable, FaultLineTap::Cut);
+            return Ok(HostSide::Fine);
+        }
         FaultId::L10 | FaultId::L12 | FaultId::L15 => return Ok(HostSide::Silent(u64::MAX)),
         FaultId::L11 | FaultId::L16 => {
             let dead = WireFaults {
@@ -274,6 +279,7 @@ pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) -> Result
         | FaultId::L11
         | FaultId::L16
         | FaultId::L18 => simulation.set_link_faults(fine, fine),
+        FaultId::L19 => simulation.set_fault_line_of(injection.cable, FaultLineTap::Whole),
         FaultId::P7 => simulation.plant_mut().set_e_stop(false),
         FaultId::P2 => simulation.plant_mut().set_power(true),
         FaultId::D1 => simulation.plant_mut().faults_mut().bus_off = false,

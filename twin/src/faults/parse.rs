@@ -18,7 +18,7 @@ pub enum ScenarioError {
     #[diagnostic(
         code(mcdpr::scenario::form),
         help(
-            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool, or power:all@3s/2s for a supply (board, drives, host, all; dip: the board's dips; crash: its program fails) that is gone for two seconds; `mcdpr faults` lists the ids"
+            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool, or power:all@3s/2s for a supply (board, drives, host, all; dip: the board's dips; crash: its program fails) that is gone for two seconds, or wire:2@3s for the fault line's plug of a board; `mcdpr faults` lists the ids"
         )
     )]
     Form {
@@ -103,6 +103,10 @@ struct Entry {
 const SNAG: &str = "snag";
 /// Time of a board from a fault of its program to its new start, s.
 const CRASH_S: f64 = 5e-3;
+/// The word for the plug of a board's fault line that is pulled.
+const WIRE: &str = "wire:";
+/// Boards that a robot may have: one for each cable at most.
+const MOST_BOARDS: usize = 8;
 /// The word for a supply that is gone.
 const POWER: &str = "power";
 
@@ -130,6 +134,14 @@ impl Injection {
         }
     }
 
+    /// The plug of a board's fault line is pulled; boards count from 0.
+    fn unplugged(board: usize, when: When) -> Self {
+        Self {
+            cable: board,
+            ..Self::new(FaultId::L19, when)
+        }
+    }
+
     /// A stiff hook that catches the tool.
     #[must_use]
     pub const fn snagged(snag: Snag, when: When) -> Self {
@@ -145,6 +157,7 @@ impl Injection {
     /// is a hook that catches the tool, `snag:+x@TIME` one that holds against motion along +x.
     /// `power:WHOSE@TIME/DURATION` cuts the supply of `board`, `drives`, `host` or `all`, lets the board's `dip`, or
     /// lets its program `crash`; P1 is the board's. Without a duration it stays away; a crash lasts 5 ms.
+    /// `wire:BOARD@TIME` pulls the plug of a board's fault line.
     ///
     /// ```
     /// use mcdpr_twin::faults::{Injection, When};
@@ -193,6 +206,11 @@ impl Injection {
                 ..Self::cut(supply, when)
             });
         }
+        if let Some(board) = what.trim().strip_prefix(WIRE) {
+            let board = board_named(board);
+            let board = board.ok_or_else(|| form("its board is not 1 to 8"))?;
+            return Ok(Self::unplugged(board, when));
+        }
         let (id, cable) = match what.split_once(':') {
             Some((id, axis)) if is_snag(id) => {
                 let along = axis_named(axis.trim());
@@ -234,6 +252,12 @@ fn supply_named(text: &str) -> Option<Supply> {
     let (_, whose) = text.split_once(':').unwrap_or((text, "all"));
     let mut known = Supply::ALL.into_iter();
     Some(known.find(|(_, name)| *name == whose.trim())?.0)
+}
+
+/// The board of this number, from 0.
+fn board_named(text: &str) -> Option<usize> {
+    let number = text.trim().parse::<usize>().ok()?;
+    (1..=MOST_BOARDS).contains(&number).then(|| number - 1)
 }
 
 fn is_snag(id: &str) -> bool {
@@ -312,6 +336,13 @@ impl Scenario {
     /// [`ScenarioError::NotThisRobot`] for the first that it cannot show.
     pub fn suits(&self, robot: &Robot) -> Result<(), ScenarioError> {
         for injection in &self.injections {
+            let board = robot.boards.get(injection.cable);
+            if injection.fault == FaultId::L19 && !board.is_some_and(|board| board.fault_line) {
+                return Err(ScenarioError::NotHere {
+                    fault: injection.fault,
+                    why: "the robot has no such board, or no fault line",
+                });
+            }
             let winch = robot.winch_of(injection.cable);
             let rmds = winch.is_some_and(|winch| winch.drive == DriveKind::Rmds);
             if injection.fault == FaultId::D6 && rmds {
@@ -383,6 +414,9 @@ impl Scenario {
             let injection = if is_power(&entry.id) {
                 let none = || wrong("its supply is not board, drives, host or all".to_owned());
                 Injection::cut(supply_named(&entry.id).ok_or_else(none)?, when)
+            } else if let Some(board) = entry.id.trim().strip_prefix(WIRE) {
+                let none = || wrong("its board is not 1 to 8".to_owned());
+                Injection::unplugged(board_named(board).ok_or_else(none)?, when)
             } else if snag {
                 let direction = entry.along.map_or(Snag::Fast, Snag::Against);
                 Injection::snagged(direction, when)

@@ -41,6 +41,7 @@ const COLUMNS: [&[(&str, &[&str])]; 7] = [
         ("Host link", &["U5"]),
         ("Debug probe", &["J14"]),
         ("Shields", &["J16", "R34"]),
+        ("Fault line", &["J17", "R35", "Q7", "R36"]),
     ],
     &[
         ("Board of the chip", &["U1"]),

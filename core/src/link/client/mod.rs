@@ -27,6 +27,8 @@ const RETRY_US: u64 = 30_000;
 /// A board that leaves a request unanswered for this long is lost, µs.
 /// A board without heartbeats closes its brakes after 2.1 s.
 const GIVE_UP_US: u64 = 1_500_000;
+/// The same for arming: several boards prove their fault line first, half a second for each of eight at most.
+const ARM_US: u64 = 6_000_000;
 /// Time to wait for another session to end: a board keeps the session of a dead host for two
 /// seconds, µs.
 const CLAIM_US: u64 = 6_000_000;

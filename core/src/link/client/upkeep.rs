@@ -1,6 +1,6 @@
 //! What keeps a connection alive: heartbeats, requests sent again, and what answers mean.
 
-use super::{Beat, Client, GIVE_UP_US, HEARTBEAT_US, Pending, RETRY_US, wire};
+use super::{ARM_US, Beat, Client, GIVE_UP_US, HEARTBEAT_US, Pending, RETRY_US, wire};
 use crate::faults::request_name;
 use crate::link::clock::BoardClock;
 use crate::link::error::ClientError;
@@ -51,7 +51,11 @@ impl<L: Link> Client<L> {
         let Some(oldest) = self.pending.iter().find(|pending| pending.result.is_none()) else {
             return Ok(());
         };
-        if now >= oldest.first_us + GIVE_UP_US {
+        let patience_us = match oldest.request {
+            Request::Arm { .. } => ARM_US,
+            _ => GIVE_UP_US,
+        };
+        if now >= oldest.first_us + patience_us {
             return Err(ClientError::Lost {
                 waiting: request_name(&oldest.request),
             });

@@ -55,7 +55,7 @@ fn configuration(kind: i32, bitrate: i32, period_us: i32) -> Result<Active<4>, S
             BoardKey::ResidualMs => 100,
             BoardKey::EnableMs => 1100,
             BoardKey::FeedbackTimeoutMs => 10,
-            BoardKey::HoldBrakes => 0,
+            BoardKey::HoldBrakes | BoardKey::FaultLine => 0,
         };
         entries.push(ConfigEntry {
             key: ConfigKey::board(*key),
