@@ -5,8 +5,9 @@ use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Plan, Task};
 use mcdpr::report::Figures;
 use mcdpr::robot::{Control, Robot};
+use mcdpr_kinematics::Pose;
 use mcdpr_tests::process::{Folder, call, document};
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use serde_json::Value;
 
 /// Robots that are held otherwise than the paper's.
@@ -164,6 +165,81 @@ fn cables_that_do_not_hold_the_robot_are_refused_with_the_reason() {
         .plan()
         .unwrap_err();
     assert!(error.to_string().contains("beside the plane"), "{error}");
+}
+
+/// Even numbers in [0, 1) from a counter (splitmix64).
+struct Even(u64);
+
+impl Even {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn within(&mut self, half: f64) -> f64 {
+        half * (2.0 * self.next() - 1.0)
+    }
+}
+
+/// The greatest change of a tension between neighbouring milliseconds of a straight path of the tool, as a share of the
+/// range of tensions; `None` if the robot cannot rest somewhere on it. The path turns as evenly as it moves, at rest at
+/// both ends, with the robot's greatest speed in its middle.
+fn greatest_jump(model: &Model, from: &Pose, to: &Pose) -> Option<f64> {
+    let limits = &model.robot().limits;
+    let step_m = to.position_m - from.position_m;
+    let turn = (from.rotation.inverse() * to.rotation).scaled_axis();
+    // A minimum-jerk motion peaks at 15/8 of its mean speed.
+    let duration_ms = (1.875e3 * step_m.norm() / limits.speed_mps)
+        .ceil()
+        .max(100.0) as u32;
+    let mut before: Option<Vec<f64>> = None;
+    let mut most_n = 0.0_f64;
+    for ms in 0..=duration_ms {
+        let t = f64::from(ms) / f64::from(duration_ms);
+        let share = t.powi(3) * (10.0 - 15.0 * t + 6.0 * t * t);
+        let pose = Pose::new(
+            from.position_m + step_m * share,
+            from.rotation * Rotation3::new(turn * share),
+        );
+        let now = model.rest_at_pose(&pose).ok()?.tensions_n().to_vec();
+        for (a, b) in before.iter().flatten().zip(&now) {
+            most_n = most_n.max((a - b).abs());
+        }
+        before = Some(now);
+    }
+    Some(most_n / (limits.tension_max_n - limits.tension_min_n))
+}
+
+#[test]
+fn tensions_of_a_thousand_random_paths_do_not_jump() {
+    for name in ["eight-cable", "eight-suspended"] {
+        let model = model(name);
+        let [low, high] = model.robot().limits.box_in_world_m.unwrap();
+        let mut random = Even(23);
+        let (mut paths, mut drawn, mut worst) = (0, 0, 0.0_f64);
+        while paths < 1000 {
+            let mut pose = || {
+                let at_m = Vector3::from_fn(|k, _| low[k] + (high[k] - low[k]) * random.next());
+                let turn = Vector3::from_fn(|_, _| random.within(0.15));
+                Pose::new(at_m, Rotation3::new(turn))
+            };
+            let (from, to) = (pose(), pose());
+            drawn += 1;
+            assert!(drawn < 20_000, "{name}: {paths} paths only");
+            if let Some(jump) = greatest_jump(&model, &from, &to) {
+                paths += 1;
+                worst = worst.max(jump);
+            }
+        }
+        println!(
+            "{name}: {:.3} % of the range at most, {paths} paths of {drawn}",
+            100.0 * worst
+        );
+        assert!(worst < 0.01, "{name}: {worst}");
+    }
 }
 
 #[test]
