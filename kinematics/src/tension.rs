@@ -4,13 +4,14 @@
 //! wrench A T on the platform, and equilibrium under an external wrench w is A T + w = 0.
 //! The optimum is the balanced distribution nearest (least squares) to a target. One degree of
 //! redundancy has a closed form: the balanced tensions are a line, cut by the limits to an
-//! interval. For more, the dual problem min_v sum psi_i(target_i + (A^T v)_i) - b.v is piecewise
+//! interval. So have two: they are a plane, cut to a polygon. For more, the dual problem min_v sum psi_i(target_i + (A^T v)_i) - b.v is piecewise
 //! quadratic and is solved by Newton's method with a line search, the limits being hardened in
 //! stages; the final set of cables at their limits is then solved exactly. (The problem statement
 //! follows Pott, 2018; the dual Newton method is that of Li and Swetits, 1997.)
 
 mod closed;
 mod dual;
+mod pair;
 
 use nalgebra::{SMatrix, Vector3, Vector6};
 
@@ -166,8 +167,8 @@ impl<const N: usize> Robot<N> {
 
 /// Tensions within limits with A T = `load`, nearest to the goal.
 ///
-/// Shape: A is `K` x `N` (K equations, N cables), any scale. Exact optimum for N = K + 1 by closed
-/// form, for N > K + 1 by the dual method of the module's text; for N <= K the balanced tensions
+/// Shape: A is `K` x `N` (K equations, N cables), any scale. Exact optimum for N = K + 1 and N = K + 2 by
+/// closed form, for more cables by the dual method of the module's text; for N <= K the balanced tensions
 /// are unique, if there are any.
 ///
 /// # Errors
@@ -206,6 +207,11 @@ pub fn distribute<const K: usize, const N: usize>(
         closed_form(a, load, limits, &target)
     } else if N > K {
         limits.check()?;
+        if N == K + 2
+            && let Some(found) = pair::pair(a, load, limits, &target)
+        {
+            return Ok(found);
+        }
         dual(a, load, limits, &target)
     } else {
         limits.check()?;
