@@ -38,7 +38,7 @@ pub fn predict(
     let n = cables.len();
     let mut encoder_m = Vec::with_capacity(n);
     let mut by = DMatrix::zeros(n, layout.len());
-    let mut slopes_m = Vec::with_capacity(n);
+    let mut motion = DMatrix::zeros(n, 4);
     for (i, cable) in cables.iter().enumerate() {
         let inverse = cable.inverse(&pose).map_err(|error| named(error, i))?;
         let (t, u) = (inverse.direction(0), inverse.arm_m(0));
@@ -56,8 +56,9 @@ pub fn predict(
             by[(i, layout.attachment(i) + k)] = in_platform[k] * scale;
             by[(i, layout.body(0) + k)] = t[k] * scale;
             by[(i, layout.body(0) + 3 + k)] = turn[k] * scale;
+            motion[(i, k)] = t[k] * scale;
         }
-        slopes_m.push([t * scale, u.cross(&t) * scale]);
+        motion[(i, 3)] = u.cross(&t).z * scale;
         by[(i, layout.radius(i))] = (inverse.wraps_rad[0] - inverse.wrap_sin[0]) * scale;
         by[(i, layout.initial_length(i))] = -1.0 / drum;
         by[(i, layout.scales())] = -reading / drum;
@@ -68,7 +69,7 @@ pub fn predict(
             by[(i, layout.soft(i))] = by_compliance;
         }
     }
-    let slopes = position_from_lengths(&slopes_m) * &by;
+    let slopes = motion_from_lengths(&motion).rows(0, 3) * &by;
     // Multiplied in this order because tall columns vectorise.
     let cov = &slopes * (covariance * slopes.transpose());
     Ok(Prediction {
@@ -78,9 +79,9 @@ pub fn predict(
     })
 }
 
-/// Displacement of the platform (m, world axes, and yaw, rad) when the commanded lengths are wrong by `error_m`. Of a
-/// platform that hangs x, y, z and yaw change, roll and pitch stay (reading of the paper, section 3, (ii)). Six lengths
-/// and more also change roll and pitch; the yaw is that of the same reading.
+/// Displacement of the platform (m, world axes, and yaw, rad) when the commanded lengths are wrong
+/// by `error_m`: x, y, z and yaw change, roll and pitch stay (reading of the paper, section 3,
+/// (ii)).
 ///
 /// # Errors
 /// Domain errors of the geometry.
@@ -89,52 +90,26 @@ pub(crate) fn displacement(
     pose: &Pose,
     error_m: &[f64],
 ) -> Result<(Vector3<f64>, f64), Error> {
-    let mut slopes = Vec::with_capacity(cables.len());
+    let mut motion = DMatrix::zeros(cables.len(), 4);
     for (i, cable) in cables.iter().enumerate() {
         let inverse = cable.inverse(pose).map_err(|error| named(error, i))?;
         let (t, u) = (inverse.direction(0), inverse.arm_m(0));
-        slopes.push([t, u.cross(&t)]);
+        motion
+            .fixed_view_mut::<1, 3>(i, 0)
+            .copy_from(&t.transpose());
+        motion[(i, 3)] = u.cross(&t).z;
     }
-    let error_m = DVector::from_column_slice(error_m);
-    let moved = position_from_lengths(&slopes) * &error_m;
-    let yaw = (motion_from_lengths(&hanging(&slopes)) * error_m)[3];
-    Ok((Vector3::new(moved[0], moved[1], moved[2]), yaw))
-}
-
-/// Derivatives of the lengths by x, y, z and yaw of a platform that hangs.
-fn hanging(slopes: &[[Vector3<f64>; 2]]) -> DMatrix<f64> {
-    DMatrix::from_fn(slopes.len(), 4, |i, k| match k {
-        3 => slopes[i][1].z,
-        k => slopes[i][0][k],
-    })
-}
-
-/// Lever that makes rotations and positions comparable, m.
-const LEVER_M: f64 = 0.1;
-/// Cables that can hold all six degrees of freedom.
-const ALL: usize = 6;
-
-/// 3 x n: the position's motion per change of lengths, whose derivatives by shift and turn of the platform are given.
-/// With six cables and more the lengths hold the whole attitude; with fewer x, y, z and yaw.
-fn position_from_lengths(slopes: &[[Vector3<f64>; 2]]) -> DMatrix<f64> {
-    if slopes.len() < ALL {
-        let back = motion_from_lengths(&hanging(slopes));
-        return back.rows(0, 3).into_owned();
-    }
-    let motion = DMatrix::from_fn(slopes.len(), 6, |i, k| match k {
-        0..3 => slopes[i][0][k],
-        _ => slopes[i][1][k - 3] / LEVER_M,
-    });
-    let back = motion.pseudo_inverse(1e-6);
-    let back = back.unwrap_or_else(|_| DMatrix::zeros(6, slopes.len()));
-    back.rows(0, 3).into_owned()
+    let moved = motion_from_lengths(&motion) * DVector::from_column_slice(error_m);
+    Ok((Vector3::new(moved[0], moved[1], moved[2]), moved[3]))
 }
 
 /// 4 x n: motion of x, y, z and yaw per change of lengths (least squares). With three cables, or if
 /// they do not determine the yaw, it stays.
 fn motion_from_lengths(motion: &DMatrix<f64>) -> DMatrix<f64> {
+    // A lever of 0.1 m makes yaw and position comparable.
+    let lever = 0.1;
     let mut scaled = motion.clone();
-    scaled.column_mut(3).scale_mut(1.0 / LEVER_M);
+    scaled.column_mut(3).scale_mut(1.0 / lever);
     let mut back = if motion.nrows() == 4 {
         // The usual number of cables, without allocation.
         let square = Matrix4::from_iterator(scaled.iter().copied());
@@ -145,7 +120,7 @@ fn motion_from_lengths(motion: &DMatrix<f64>) -> DMatrix<f64> {
             .pseudo_inverse(1e-6)
             .unwrap_or_else(|_| DMatrix::zeros(4, motion.nrows()))
     };
-    back.row_mut(3).scale_mut(1.0 / LEVER_M);
+    back.row_mut(3).scale_mut(1.0 / lever);
     back
 }
 

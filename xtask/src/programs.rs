@@ -7,11 +7,12 @@ use std::sync::Mutex;
 use std::sync::mpsc;
 
 /// Programs that measure reaction times, or whose boards run by the clock: nothing runs beside them. They come last.
-const ALONE: [&str; 8] = [
+const ALONE: [&str; 9] = [
     "two_ports",
     "hil",
     "page",
     "cockpit",
+    "program",
     "cockpit_runs",
     "cockpit_charts",
     "cockpit_setup",

@@ -55,7 +55,8 @@ pub(crate) fn rigged(robot: &Robot) -> Robot {
 
 /// The same for a hanging robot that is let down: without floors, because every cable ends slack. Behind a gear the
 /// board then also moves each drum further when it arms: with all cables taut, the small test motion ends in the
-/// friction and the loss of the gear.
+/// friction and the loss of the gear. A broken cable is still noticed before the brakes open, by the tensions that are
+/// expected (S10).
 #[must_use]
 pub(crate) fn lowered(robot: &Robot) -> Robot {
     let mut robot = rigged(robot);
