@@ -38,7 +38,7 @@ fn nanoseconds<T>(runs: usize, mut f: impl FnMut(usize) -> T) -> f64 {
 
 fn cables() -> [Cable; CABLES] {
     let corner = |i: usize| {
-        let x = if i % 4 == 0 || i % 4 == 3 { 1.0 } else { -1.0 };
+        let x = if matches!(i % 4, 0 | 3) { 1.0 } else { -1.0 };
         let y = if i % 4 < 2 { 1.0 } else { -1.0 };
         (x, y)
     };

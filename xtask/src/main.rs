@@ -170,7 +170,7 @@ fn test() -> Result<(), String> {
 const FEATURES: &str = "mcdpr-kinematics/rayon";
 /// Features that are checked too: of writing a chip, which needs a probe, only that it compiles is
 /// known.
-const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2,mcdpr/realsense";
+const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr-kinematics/clarabel,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2,mcdpr/realsense";
 
 /// What keeps the crates apart: no ring of modules, nothing public that only its own crate names, no
 /// operating system below the host; and nothing built twice.
