@@ -70,6 +70,13 @@ fn every_shape_is_rigged() {
             assert!(done.status.success(), "{robot} {way}: {}", words(&done));
         }
     }
+    let several = run(
+        "eight-two-boards",
+        &["rig", "lower", "--yes"],
+        folder.path(),
+    );
+    assert_eq!(several.status.code(), Some(1));
+    assert!(words(&several).contains("one board at a time"));
 }
 
 #[test]

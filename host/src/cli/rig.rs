@@ -83,6 +83,14 @@ enum RigError {
     #[error("{what}")]
     #[diagnostic(code(mcdpr::rig::range))]
     Range { what: String },
+    #[error("{robot} has {boards} boards: cables are put on one board at a time")]
+    #[diagnostic(
+        code(mcdpr::rig::boards),
+        help(
+            "connect to one board alone, with a robot file of its modules (docs/robot-file.md, [[board]])"
+        )
+    )]
+    Boards { robot: String, boards: usize },
 }
 
 /// The line to the robot, and the session to open on it.
@@ -125,6 +133,10 @@ const LONGEST_MM: f64 = 1000.0;
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = crate::robot::find(&common.robot)?;
+        if robot.boards.len() > 1 {
+            let (robot, boards) = (robot.name, robot.boards.len());
+            return Err(RigError::Boards { robot, boards }.into());
+        }
         let model = Model::new(&robot)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let slack = vec![0.0; robot.cables.len()];

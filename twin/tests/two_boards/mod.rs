@@ -64,7 +64,7 @@ impl<F: FnMut(&mut Simulation, u64)> Link for Watching<F> {
 
     fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
         loop {
-            let piece_us = until_us.min(self.inner.now_us() + 250);
+            let piece_us = until_us.min(self.inner.now_us() + 100);
             let before = into.len();
             let now = self.inner.receive(piece_us, into)?;
             let states = self.inner.with(|simulation| {

@@ -422,3 +422,20 @@ fn what_cannot_be_common_is_refused_with_its_place() {
         );
     }
 }
+
+#[test]
+fn a_tension_law_without_an_output_commands_a_speed_where_a_gear_rubs() {
+    let table5 = include_str!("../../../../robots/paper-table5.toml");
+    let optimistic = include_str!("../../../../robots/paper-optimistic.toml");
+    for (text, output) in [
+        (table5, TensionOutput::Velocity),
+        (optimistic, TensionOutput::Current),
+    ] {
+        let lines = text.lines().filter(|line| !line.starts_with("output = "));
+        let robot = parse(&lines.collect::<Vec<_>>().join("\n")).unwrap();
+        assert_eq!(robot.tension.output, output, "{}", robot.name);
+    }
+    // What the file says stands: the tension-held drum of this robot has no gear.
+    let direct = Robot::built_in("lab-direct").unwrap();
+    assert_eq!(direct.tension.output, TensionOutput::Current);
+}
