@@ -11,6 +11,7 @@
 //! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
 //! | [`estimate`] | where the platform is, from lengths, tensions and tags, and which cable slipped |
 //! | [`faults`] | faults and refusals in words |
+//! | [`diagnosis`] | what failed, by the samples around a fault |
 //! | [`control`] | orders to a robot that is being moved |
 //! | [`link`] | the host's half of the protocol, over any byte stream |
 //! | [`boards`] | several boards behind one line: one robot |
@@ -23,6 +24,7 @@
 pub mod boards;
 pub mod care;
 pub mod control;
+pub mod diagnosis;
 pub mod estimate;
 pub mod faults;
 pub mod holding;

@@ -155,7 +155,9 @@ impl Arming {
                     }
                     Some((cable, _)) if self.ticks >= limit => {
                         let ms = |ticks: u32| i32::try_from(ticks).unwrap_or(i32::MAX);
-                        return Err((FaultId::D5, cable, ms(self.ticks), ms(limit)));
+                        let (most, found) = (config.feedback_timeout_ms, (FaultId::D5, cable));
+                        let (fault, cable) = name_silence(most, inputs, service.is_some(), found);
+                        return Err((fault, cable, ms(self.ticks), ms(limit)));
                     }
                     Some(_) => {}
                 }
@@ -342,6 +344,23 @@ fn oscillation_ticks<const N: usize>(config: &Active<N>, expected_mn: &[i32; N],
     12 * quarter
 }
 
+/// The name of a drive's silence, with its cable. Where no drive has answered for half of the time after which one is
+/// lost, their supply or their bus failed (P2), not one drive. A single winch cannot tell.
+#[inline(never)]
+pub(crate) fn name_silence<const N: usize>(
+    timeout_ms: u16,
+    inputs: &Inputs<N>,
+    alone: bool,
+    (fault, cable): (FaultId, u8),
+) -> (FaultId, u8) {
+    let mut drives = inputs.drives.iter();
+    if !alone && N > 1 && drives.all(|drive| drive.age_ms >= timeout_ms / 2) {
+        (FaultId::P2, 0)
+    } else {
+        (fault, cable)
+    }
+}
+
 fn alive<const N: usize>(config: &Active<N>, drive: &DriveInput) -> bool {
     // Age too: a drive that was enabled and then fell silent still shows its last, ready state.
     drive.ready && !drive.fault && drive.age_ms < config.feedback_timeout_ms
@@ -363,7 +382,9 @@ fn check_drives<const N: usize>(
         }
         if !alive(config, drive) {
             let (age, most) = (drive.age_ms, config.feedback_timeout_ms);
-            return Err((FaultId::D3, cable, i32::from(age), i32::from(most)));
+            let found = (FaultId::D3, cable);
+            let (fault, cable) = name_silence(most, inputs, service.is_some(), found);
+            return Err((fault, cable, i32::from(age), i32::from(most)));
         }
     }
     Ok(())

@@ -125,7 +125,7 @@ pub struct Controller<const N: usize> {
     closing: Option<u16>,
     /// Ticks that brakes which are closed while holding take to open again.
     opening: u16,
-    /// How often a brake slipped before torque was switched off.
+    /// Ticks since a brake first slipped before torque was switched off; 0 if none did.
     slips: u16,
     /// The winch whose brake has failed since the board armed, 1 for the first; 0 for none.
     unsound: u8,

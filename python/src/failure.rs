@@ -350,7 +350,7 @@ impl From<RunError> for Failure {
         match error {
             RunError::Plan(error) => error.into(),
             RunError::Task(error) => error.into(),
-            RunError::Fault { record } | RunError::Latched { record } => {
+            RunError::Fault { record, .. } | RunError::Latched { record } => {
                 Self::of("FaultError", &error).with_all(of_fault(&record))
             }
             error => Self::of("RunError", &error),

@@ -103,7 +103,7 @@ fn c1_c3_a_parked_robot_with_a_broken_cable_opens_no_brake() {
                 let took = link.with(|simulation| simulation.now_us()) - at;
                 let (opened, _) = seen(&link, from);
                 assert!(!opened, "{what}: a brake opened");
-                if let Err(RunError::Fault { record }) = outcome {
+                if let Err(RunError::Fault { record, .. }) = outcome {
                     let named = matches!(record.fault, FaultId::C1 | FaultId::S10);
                     assert!(named, "{what}: {record:?}");
                     assert!(record.fault != FaultId::C1 || is_slack(&link, &model, record.cable));

@@ -251,7 +251,7 @@ fn work_on_a_bare_winch_ends_at_a_silent_bus_a_dead_encoder_and_a_drive_that_sta
     let named = match &error {
         ServiceError::EncoderStuck { winch, .. } => *winch == 1,
         // The board itself may have seen it first.
-        ServiceError::Run(RunError::Fault { record }) => {
+        ServiceError::Run(RunError::Fault { record, .. }) => {
             record.fault == FaultId::S2 && record.cable == 1
         }
         _ => false,
@@ -260,7 +260,7 @@ fn work_on_a_bare_winch_ends_at_a_silent_bus_a_dead_encoder_and_a_drive_that_sta
     // It answers, and never takes its mode.
     let (mut client, robot) = bare(|faults| faults.cables[0].drive.late_s = f64::INFINITY);
     let error = measure_ratio(&mut client, &robot, 1, 1).unwrap_err();
-    let ServiceError::Run(RunError::Fault { record }) = &error else {
+    let ServiceError::Run(RunError::Fault { record, .. }) = &error else {
         panic!("{error}");
     };
     assert_eq!((record.fault, record.cable), (FaultId::D5, 1), "{error}");

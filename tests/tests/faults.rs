@@ -41,7 +41,7 @@ fn with_fault(at_s: f64, inject: impl Fn(&mut Plant)) -> Aftermath {
         })
         .run_on(link.clone())
         .unwrap_err();
-    let RunError::Fault { record } = error else {
+    let RunError::Fault { record, .. } = error else {
         panic!("{error:?}");
     };
     settle(&link);

@@ -106,7 +106,7 @@ fn a_fault_on_one_board_stops_the_other() {
         without_line(simulation);
         simulation.plant_mut().faults_mut().cables[5].drive.silent = true;
     });
-    let Err(RunError::Fault { record }) = after.done else {
+    let Err(RunError::Fault { record, .. }) = after.done else {
         panic!("{:?}", after.done);
     };
     assert_eq!(record.cable, 6, "{record:?}");

@@ -38,7 +38,7 @@ fn arm(
     let armed = session.and_then(|mut session| session.arm());
     let fault = match armed {
         Ok(()) => None,
-        Err(RunError::Fault { record } | RunError::Latched { record }) => Some(record),
+        Err(RunError::Fault { record, .. } | RunError::Latched { record }) => Some(record),
         Err(error) => panic!("{error}"),
     };
     (fault, link.with(Simulation::take_trace))

@@ -66,7 +66,7 @@ fn l19_a_short_reset_stops_the_other_and_the_board_is_named() {
     });
     stops(&after, "short reset");
     match &after.done {
-        Err(RunError::Fault { record }) => assert_eq!(record.fault, FaultId::P4),
+        Err(RunError::Fault { record, .. }) => assert_eq!(record.fault, FaultId::P4),
         _ => assert!(lost(&after).contains("board 2 (simulated 02)")),
     }
 }
@@ -76,7 +76,7 @@ fn l19_a_fault_of_one_board_stops_the_other_within_3_ms_of_it_and_the_first_faul
     let after = disturbed(3, 2_500_000, |simulation| {
         simulation.plant_mut().faults_mut().cables[5].drive.silent = true;
     });
-    let Err(RunError::Fault { record }) = after.done else {
+    let Err(RunError::Fault { record, .. }) = after.done else {
         panic!("{:?}", after.done);
     };
     assert_eq!((record.fault, record.cable), (FaultId::D3, 6), "{record:?}");
@@ -128,7 +128,7 @@ fn l19_a_plug_that_is_pulled_in_motion_stops_its_board() {
         simulation.set_fault_line_of(0, FaultLineTap::Cut);
     });
     stops(&after, "plug pulled");
-    let Err(RunError::Fault { record }) = after.done else {
+    let Err(RunError::Fault { record, .. }) = after.done else {
         panic!("{:?}", after.done);
     };
     assert_eq!(record.fault, FaultId::L19);

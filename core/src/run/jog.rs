@@ -253,7 +253,7 @@ impl<L: Link> Session<'_, L> {
             }
             while client.next_event().is_some() {}
             if let Some(record) = client.status().and_then(|status| status.fault) {
-                break Err(RunError::Fault { record });
+                break Err(RunError::Fault { record, why: None });
             }
             let resting = client.beat().is_some_and(|beat| {
                 beat.state == BoardState::Holding && beat.next_knot == 0 && ended
@@ -285,7 +285,7 @@ impl<L: Link> Session<'_, L> {
             client.step()?;
             while client.next_event().is_some() {}
             if let Some(record) = client.status().and_then(|status| status.fault) {
-                return Err(RunError::Fault { record });
+                return Err(RunError::Fault { record, why: None });
             }
             let Some((ticket, order)) = client.handle().take() else {
                 continue;

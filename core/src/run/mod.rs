@@ -21,6 +21,7 @@ pub(crate) use stream::follow_plan;
 pub use stream::{Halt, Progress, follow, follow_watched};
 
 use crate::control::Order;
+use crate::diagnosis::{Diagnosis, diagnose};
 use crate::faults::{advice, describe_fault};
 use crate::link::{Client, ClientError, Link};
 use crate::machine::{self, OutOfRange};
@@ -28,8 +29,8 @@ use crate::motion::{Model, Plan, PlanError, Planner};
 use crate::robot::{Control, Robot};
 use mcdpr_protocol::message::CONFIG_CHUNK;
 use mcdpr_protocol::{
-    BoardState, ConfigEntry, ConfigHash, FaultRecord, Knot, List, Reply, Request, Status, StopKind,
-    TenthMicrometres,
+    BoardState, ConfigEntry, ConfigHash, FaultId, FaultRecord, Knot, List, Reply, Request, Status,
+    StopKind, TenthMicrometres,
 };
 use miette::Diagnostic;
 use thiserror::Error;
@@ -46,11 +47,13 @@ pub enum RunError {
     #[diagnostic(transparent)]
     Config(#[from] OutOfRange),
     /// The board latched a fault.
-    #[error("stopped by fault {}", describe_fault(record))]
-    #[diagnostic(code(mcdpr::run::fault), help("{}", advice(record.fault)))]
+    #[error("stopped by fault {}{}", describe_fault(record), told(why.as_deref()))]
+    #[diagnostic(code(mcdpr::run::fault), help("{}", advice(cause(record, why.as_deref()))))]
     Fault {
         /// The fault.
         record: FaultRecord,
+        /// What the samples around it show, where they show another cause.
+        why: Option<Box<Diagnosis>>,
     },
     /// The board still has the fault of an earlier run.
     #[error("the board has a latched fault, {}", describe_fault(record))]
@@ -135,6 +138,16 @@ pub enum RunError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
+}
+
+/// The addition to a fault's description; empty where nothing more is known.
+fn told(why: Option<&Diagnosis>) -> String {
+    why.map_or_else(String::new, |why| format!(". {why}"))
+}
+
+/// The fault to give advice about.
+fn cause(record: &FaultRecord, why: Option<&Diagnosis>) -> FaultId {
+    why.map_or(record.fault, |why| why.fault)
 }
 
 impl RunError {
@@ -246,7 +259,7 @@ pub fn wait_for<L: Link>(
         // Before the state: a board that stopped by a fault may also have reached the state in
         // question.
         if let Some(record) = status.fault {
-            return Err(RunError::Fault { record });
+            return Err(RunError::Fault { record, why: None });
         }
         if status.state == wanted {
             return Ok(());
@@ -299,6 +312,36 @@ fn torque_off<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
         ) if emergency => Ok(()),
         outcome => outcome,
     }
+}
+
+/// Time after a stop in which a platform finds its new rest, µs.
+const SETTLES_US: u64 = 1_000_000;
+/// The longest stop: its path, the brakes and their test, µs.
+const STOPS_US: u64 = 4_000_000;
+
+/// Watches a board that has latched a fault until the robot rests, and a second longer; an order to stop, or a board that
+/// does not answer, ends that. The probable cause.
+fn watch_fault<L: Link>(
+    client: &mut Client<L>,
+    model: &Model,
+    record: &FaultRecord,
+) -> Option<Diagnosis> {
+    let mut until_us = client.now_us() + STOPS_US;
+    let mut rests = false;
+    while client.now_us() < until_us && orders::stop_wanted(client).is_none() {
+        let next_us = client.now_us() + 20_000;
+        client.pump(next_us).ok()?;
+        let state = client.status().map(|status| status.state);
+        let resting = matches!(
+            state,
+            Some(BoardState::Fault | BoardState::EStop | BoardState::Holding)
+        );
+        if resting && !rests {
+            rests = true;
+            until_us = client.now_us() + SETTLES_US;
+        }
+    }
+    diagnose(model, record, &client.recent())
 }
 
 /// A plan's start may differ from the board's set-points by this, m: elasticity at a tension that

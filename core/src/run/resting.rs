@@ -28,7 +28,7 @@ pub(super) fn measure<L: Link>(
         wait(client, MEASURE_S * share)?;
         let status = super::status(client)?;
         if let Some(record) = status.fault {
-            return Err(RunError::Fault { record });
+            return Err(RunError::Fault { record, why: None });
         }
         rest.lengths_m.resize(status.lengths.len(), 0.0);
         rest.tensions_n.resize(status.tensions.len(), 0.0);

@@ -344,7 +344,8 @@ impl<'m, L: Link> Session<'m, L> {
     pub fn arm(&mut self) -> Result<(), RunError> {
         // A simulated robot starts at home: it has no lengths to keep.
         if self.client.info().simulated {
-            return super::arm(&mut self.client, self.hash);
+            let armed = super::arm(&mut self.client, self.hash);
+            return armed.map_err(|error| self.explain(error));
         }
         // Before any drum turns: after a cut in motion the saved lengths would be wrong.
         self.kept.forget(&board_name(self.client.hello()));
@@ -358,7 +359,7 @@ impl<'m, L: Link> Session<'m, L> {
             let saved = Saved::of(self.client.hello(), &status, self.model.robot());
             self.kept.keep(&saved);
         }
-        armed
+        armed.map_err(|error| self.explain(error))
     }
 
     /// Follows a plan that starts at the robot's position; it holds at its end.
@@ -388,7 +389,7 @@ impl<'m, L: Link> Session<'m, L> {
         {
             self.at = rest;
         }
-        done
+        done.map_err(|error| self.explain(error))
     }
 
     /// Observes tags whose poses are known while the robot holds, for a second, and takes the tool
@@ -438,8 +439,26 @@ impl<'m, L: Link> Session<'m, L> {
     /// As [`super::disarm`].
     pub fn disarm(mut self) -> Result<(), RunError> {
         self.client.request(Request::Disarm)?;
-        super::wait_for(&mut self.client, BoardState::Disarmed, 3.0)?;
+        super::wait_for(&mut self.client, BoardState::Disarmed, 3.0)
+            .map_err(|error| self.explain(error))?;
         self.close()
+    }
+
+    /// Adds to a fault what the samples around it show. That takes until the robot rests, and a second.
+    fn explain(&mut self, error: RunError) -> RunError {
+        match error {
+            RunError::Fault { record, why: None } => {
+                let why = super::watch_fault(&mut self.client, self.model, &record);
+                if let Some(why) = &why {
+                    self.client.note(Note::Remark(&why.to_string()));
+                }
+                RunError::Fault {
+                    record,
+                    why: why.map(Box::new),
+                }
+            }
+            other => other,
+        }
     }
 
     /// Saves the lengths and releases a disarmed board.

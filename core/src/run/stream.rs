@@ -141,7 +141,10 @@ fn feed<L: Link>(
             let credit = usize::from(beat.knots_free).saturating_sub(sent_since);
             feeder.feed(client, credit)?;
         } else if let Some(fault) = client.status().and_then(|status| status.fault) {
-            return Err(RunError::Fault { record: fault });
+            return Err(RunError::Fault {
+                record: fault,
+                why: None,
+            });
         } else if beat.state == BoardState::Holding
             && feeder.next == knots.len()
             && beat.next_knot == 0
@@ -162,7 +165,7 @@ fn feed<L: Link>(
             asked_us = client.now_us();
             let status = super::status(client)?;
             if let Some(record) = status.fault {
-                return Err(RunError::Fault { record });
+                return Err(RunError::Fault { record, why: None });
             }
             let may_go_on = matches!(
                 status.state,
@@ -256,7 +259,7 @@ fn settle<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
                 other => format!("{other:?}"),
             };
             if let Reject::Faulted { record } = reject {
-                return Err(RunError::Fault { record });
+                return Err(RunError::Fault { record, why: None });
             }
             return Err(ClientError::Refused {
                 request: name,

@@ -20,10 +20,9 @@ const CALM_MN: i32 = 2000;
 /// Ticks until a brake that slipped is tried again.
 // 50 ms: the drive pulls the drum back meanwhile, and a slow brake closes a little further.
 const RETRY_MS: u16 = 50;
-/// Number of tries after which a brake is reported as not holding (B2); one that holds before was
-/// late (B3).
-// Ten attempts of 50 ms: half a second for a brake that is late.
-const TRIES: u16 = 10;
+/// A brake that slips again so many ticks after its first slip does not hold (B2); one that holds before was late (B3).
+// Half a second for a brake that is late. By time: behind a gear with play one attempt takes 0.4 s.
+const LATE_MS: u16 = 500;
 /// Ticks for a drive to push against a brake: a drive that gives no torque cannot lose it.
 const PROOF_MS: u16 = 1500;
 
@@ -228,9 +227,11 @@ impl<const N: usize> Controller<N> {
             }
         }
         let (verdict, cable) = self.prove(inputs);
+        // Ticks since the first slip; none before it.
+        self.slips = self.slips.saturating_add(u16::from(self.slips > 0));
         let done = match verdict {
             Verdict::Slips(turned) => {
-                self.slips = self.slips.saturating_add(1);
+                self.slips = self.slips.max(1);
                 self.limits.insert(Limit::BrakeSlips);
                 // Without a push the drive pulls the drum back to its earlier position.
                 for cable in &mut self.cables {
@@ -238,9 +239,8 @@ impl<const N: usize> Controller<N> {
                 }
                 // Only the waiting time is repeated, not the brakes' whole closing time.
                 self.closing = Some(held - RETRY_MS);
-                // A brake that failed since arming gets no ten further attempts: the drum moves at
-                // each.
-                if self.slips >= TRIES || self.unsound > 0 {
+                // A brake that failed since arming gets no further attempts: the drum moves at each.
+                if self.slips >= LATE_MS || self.unsound > 0 {
                     self.unsound = cable;
                     self.latch_fault(FaultId::B2, cable, turned / 10, 0);
                     self.raise(Event::BrakeFails);
@@ -249,8 +249,7 @@ impl<const N: usize> Controller<N> {
             }
             Verdict::Holds => {
                 if self.slips > 0 {
-                    let late = i32::from(self.slips) * i32::from(RETRY_MS);
-                    self.latch_fault(FaultId::B3, 0, late, i32::from(held));
+                    self.latch_fault(FaultId::B3, 0, i32::from(self.slips), i32::from(held));
                 }
                 true
             }

@@ -4,6 +4,7 @@ use super::relieving::horizon_us;
 use super::{
     Cable, Control, Controller, Event, FaultId, Inputs, Limit, Limits, LinkHealth, Phase, concerns,
 };
+use crate::arming::name_silence;
 use crate::config::{CableConfig, TensionLaw};
 use crate::io::DriveInput;
 use crate::watch::{BREAK_TICKS, CableView, Finding, Persist, is_deaf};
@@ -290,6 +291,12 @@ impl<const N: usize> Controller<N> {
             if found.is_none() && !(suspected && tight.is_some()) {
                 found = fault.map(|found| (found.fault, number, found.value, found.limit));
             }
+        }
+        if let Some((fault @ FaultId::D3, cable, value, limit)) = found {
+            // Only brakes hold the drums of a robot whose drives lost their supply.
+            let (most, bare) = (around.feedback_timeout_ms, around.bare);
+            let (fault, cable) = name_silence(most, inputs, bare, (fault, cable));
+            found = Some((fault, cable, value, limit));
         }
         // One saturated motor slows the common clock: the tool stays on its path (D4).
         self.motion.ease(eased);

@@ -195,7 +195,7 @@ fn arm(link: Box<dyn Link>, model: &Model, homing: Homing<'_>) -> Finding {
             "arming",
             "every drive came up, every brake held its drive and opened, every drum turned as its motor did; brakes closed again",
         ),
-        Err(RunError::Fault { record }) => doctor::arming_fault(&record),
+        Err(RunError::Fault { record, .. }) => doctor::arming_fault(&record),
         Err(error @ RunError::NotHomed { .. }) => Finding {
             verdict: Verdict::Unseen,
             ..doctor::refused("arming", &error)

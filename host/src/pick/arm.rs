@@ -393,7 +393,7 @@ impl<L: Link> Arm<L> {
             self.client.pump(next).map_err(RunError::from)?;
         }
         if let Some(record) = run::status(&mut self.client)?.fault {
-            return Err(RunError::Fault { record }.into());
+            return Err(RunError::Fault { record, why: None }.into());
         }
         Ok(())
     }

@@ -277,7 +277,7 @@ impl<L: Link> Bench<'_, L> {
         while self.client.now_us() < give_up {
             self.pause(20)?;
             if let Some(record) = crate::run::status(self.client)?.fault {
-                return Err(crate::run::RunError::Fault { record }.into());
+                return Err(crate::run::RunError::Fault { record, why: None }.into());
             }
             let winch = self.look()?;
             let current_a = f64::from(winch.current_ma).abs() * 1e-3;

@@ -120,7 +120,7 @@ impl<L: Link> Rig<L> {
     pub(crate) fn measured_n(&mut self) -> Result<Vec<f64>, RunError> {
         let status = run::status(&mut self.client)?;
         if let Some(record) = status.fault {
-            return Err(RunError::Fault { record });
+            return Err(RunError::Fault { record, why: None });
         }
         let tensions = status.tensions.iter();
         Ok(tensions.map(|t| t.newtons()).collect())

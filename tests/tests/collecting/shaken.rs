@@ -135,7 +135,7 @@ fn a_platform_that_shakes_on_its_way_costs_its_pose_and_goes_back() {
                 assert!((2..=3).contains(&disarmed), "{disarmed}");
                 assert!(skipped[0].starts_with("cable "), "{skipped:?}");
             }
-            Err(CollectError::Run(RunError::Fault { record })) => {
+            Err(CollectError::Run(RunError::Fault { record, .. })) => {
                 assert!(
                     matches!(record.fault, FaultId::C1 | FaultId::C2),
                     "{record:?}"

@@ -1,7 +1,7 @@
 //! `cargo xtask study faults`: seeded runs with faults, measured from the injection, with their tables.
 //!
 //! `--robot NAME` chooses the robot, `--runs N` and `--seed S` the seeds. `--undisturbed` runs the same
-//! work without faults.
+//! work without faults. `--list` lists every run.
 
 mod tables;
 
@@ -24,7 +24,8 @@ fn main() -> ExitCode {
     let has = |name: &str| arguments.iter().any(|argument| argument == name);
     let first = number("--seed", 1);
     let robot = value("--robot").map_or("paper-optimistic", String::as_str);
-    match survey(robot, first, number("--runs", 1000), !has("--undisturbed")) {
+    let (disturbed, list) = (!has("--undisturbed"), has("--list"));
+    match survey(robot, first, number("--runs", 1000), disturbed, list) {
         Ok(0) => ExitCode::SUCCESS,
         Ok(_) => ExitCode::FAILURE,
         Err(message) => {
@@ -35,7 +36,7 @@ fn main() -> ExitCode {
 }
 
 /// Runs the survey of one robot and prints its tables; returns how many runs broke an invariant.
-fn survey(name: &str, first: u64, runs: u64, disturbed: bool) -> Result<usize, String> {
+fn survey(name: &str, first: u64, runs: u64, disturbed: bool, list: bool) -> Result<usize, String> {
     let robot = Robot::built_in(name).map_err(|error| error.to_string())?;
     let model = Model::new(&robot).map_err(|error| error.to_string())?;
     let end = first.saturating_add(runs);
@@ -66,6 +67,9 @@ fn survey(name: &str, first: u64, runs: u64, disturbed: bool) -> Result<usize, S
     );
     if disturbed {
         tables::print(&all);
+    }
+    if list {
+        tables::list(&all);
     }
     Ok(failed)
 }

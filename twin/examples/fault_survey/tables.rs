@@ -1,7 +1,7 @@
 //! Tables of a survey: by row of the fault table, by phase, and the confusions.
 
 use mcdpr_protocol::FaultId;
-use mcdpr_twin::faults::survey::{Moment, Outcome, silent};
+use mcdpr_twin::faults::survey::{Moment, Outcome, silent, word};
 use std::collections::BTreeMap;
 
 /// Whether docs/faults.md says that nothing has to be reported.
@@ -143,4 +143,37 @@ fn confusion<'a>(name: &str, of: impl Iterator<Item = &'a Outcome>) {
         words.join(", ")
     };
     println!("| {name} | {} | {} |", list(same), list(other));
+}
+
+/// Lists every run: its faults with their strengths, what was said, and whether that was right.
+pub(crate) fn list(all: &[Outcome]) {
+    println!("\nRuns.\n");
+    for outcome in all.iter().filter(|outcome| outcome.injected) {
+        let injections = outcome.drawn.injections.iter();
+        let words: Vec<_> = injections
+            .map(|injection| format!("{} ({:.2})", word(injection), injection.strength))
+            .collect();
+        let said = match (&outcome.latched, &outcome.refused) {
+            (Some(record), _) => format!("{record:?}"),
+            (None, Some(refused)) => format!("host: {refused}"),
+            (None, None) => "nothing".to_owned(),
+        };
+        let verdict = match outcome.told {
+            _ if may_be_silent(outcome) => "need not be noticed",
+            named if named.fault && named.cable => "right",
+            named if named.fault => "wrong cable",
+            _ => "wrong",
+        };
+        println!(
+            "seed {} ({}): {}: {verdict}: {said} after {:?} ms{}",
+            outcome.drawn.seed,
+            outcome.drawn.moment.name(),
+            words.join(" "),
+            outcome.latched_after_ms,
+            outcome
+                .diagnosed
+                .as_ref()
+                .map_or_else(String::new, |why| format!("; {why}")),
+        );
+    }
 }

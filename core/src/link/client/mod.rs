@@ -4,8 +4,11 @@
 //! stops, as it should. The loop reads only the link's clock.
 
 pub(crate) mod aside;
+mod recent;
 mod upkeep;
 mod wire;
+
+pub use recent::Row;
 
 use super::Link;
 use super::clock::BoardClock;
@@ -108,6 +111,7 @@ pub struct Client<L: Link> {
     clock: BoardClock,
     status: Option<Status>,
     events: VecDeque<Event>,
+    recent: recent::Recent,
     resent_us: u64,
     retransmissions: u64,
     handle: Handle,
@@ -163,6 +167,7 @@ impl<L: Link> Client<L> {
             clock: BoardClock::default(),
             status: None,
             events: VecDeque::new(),
+            recent: recent::Recent::default(),
             resent_us: 0,
             retransmissions: 0,
             handle: Handle::new(),
@@ -267,6 +272,11 @@ impl<L: Link> Client<L> {
     /// The next message that the board sent without being asked.
     pub fn next_event(&mut self) -> Option<Event> {
         self.events.pop_front()
+    }
+
+    /// What the board has measured in the last eight seconds, tick by tick.
+    pub fn recent(&self) -> Vec<Row> {
+        self.recent.rows()
     }
 
     /// The next outcome of a request sent by [`Client::enqueue`].

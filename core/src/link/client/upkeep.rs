@@ -114,9 +114,12 @@ impl<L: Link> Client<L> {
             // A restarted board says hello only when asked; an old answer may still be under way.
             Message::Hello(_) => {}
             Message::Event(event) => {
-                if let Event::Status(status) = &event {
-                    self.handle.publish(|view| view.take_status(status));
-                    self.status = Some(status.clone());
+                match &event {
+                    Event::Status(status) => {
+                        self.handle.publish(|view| view.take_status(status));
+                        self.status = Some(status.clone());
+                    }
+                    Event::Samples(block) => self.recent.take(block),
                 }
                 self.events.push_back(event);
             }

@@ -181,7 +181,7 @@ fn look<L: Link, S: TagSource>(
             }
         }
         if let Some(record) = client.status().and_then(|status| status.fault) {
-            return Err(RunError::Fault { record }.into());
+            return Err(RunError::Fault { record, why: None }.into());
         }
         let views = loop {
             if let Some(views) = source.poll() {

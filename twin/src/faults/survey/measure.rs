@@ -67,8 +67,16 @@ fn longest(conditions: impl Iterator<Item = bool>) -> usize {
 }
 
 /// The greatest distance from the path, and the greatest height lost against it, m, from tick `from`
-/// on. Both are differences to that tick: a machine that is off is beside its path all the time.
-pub(super) fn away(trace: &[TracePoint], from: usize, path_m: &[Vector3<f64>]) -> (f64, f64) {
+/// on. Both are differences to that tick: a machine that is off is beside its path all the time. From tick `again` on
+/// the second path applies, if there is one.
+pub(super) fn away(
+    trace: &[TracePoint],
+    from: usize,
+    again: usize,
+    paths_m: &[Vec<Vector3<f64>>; 2],
+) -> (f64, f64) {
+    let [first_m, second_m] = paths_m;
+    let mut path_m = first_m;
     let mut at = 0;
     let mut begin: Option<Vector3<f64>> = None;
     let (mut away_m, mut drop_m) = (0.0_f64, 0.0_f64);
@@ -76,6 +84,10 @@ pub(super) fn away(trace: &[TracePoint], from: usize, path_m: &[Vector3<f64>]) -
         let path_ms = usize::try_from(point.path_ms).unwrap_or(usize::MAX);
         // The clock is reset when a motion is discarded: the tool stays where the clock stopped.
         match point.state {
+            // A motion after a stop begins with the way from where it stopped.
+            State::Moving if tick >= again && !std::ptr::eq(path_m, second_m) => {
+                (path_m, at) = (second_m, path_ms);
+            }
             State::Moving => at = path_ms,
             State::Pausing | State::Stopping if path_ms > at => at = path_ms,
             _ => {}

@@ -18,9 +18,10 @@ use super::{FaultyLink, Injection, Phase, When};
 use crate::line::{SimulatedLink, plant_failed};
 use crate::plant::{Mismatch, at_rest};
 use mcdpr_core::control::Handle;
+use mcdpr_core::diagnosis::Diagnosis;
 use mcdpr_core::link::ClientError;
 use mcdpr_core::motion::Model;
-use mcdpr_core::run::{Homing, NoStore, Recorder, RunError, Session, plan_from};
+use mcdpr_core::run::{Homing, NoStore, Recorder, RunError, Session};
 use mcdpr_protocol::{FaultId, FaultRecord, SessionId};
 use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
 use nalgebra::Vector3;
@@ -46,6 +47,10 @@ pub struct Outcome {
     pub injected: bool,
     /// Whether the fault is that of the table, and its cable the right one.
     pub named: RightName,
+    /// The probable cause that the host's program gave beyond that, and whether that is right.
+    pub diagnosed: Option<Diagnosis>,
+    /// Whether the last of both is right: what a user is told.
+    pub told: RightName,
     /// Greatest distance of the tool from where its path has it, beyond that at the injection, m.
     pub deviation_m: f64,
     /// Greatest height that it lost against its path since the injection, m.
@@ -94,6 +99,8 @@ fn run_drawn(model: &Model, drawn: Drawn) -> Outcome {
         refused: None,
         injected: false,
         named: RightName::default(),
+        diagnosed: None,
+        told: RightName::default(),
         deviation_m: 0.0,
         drop_m: 0.0,
         over_ms: 0,
@@ -116,18 +123,13 @@ struct Seen {
     injected_ms: Vec<usize>,
     /// The first tick of the second arming; the trace's length if there is none.
     again: usize,
-    /// The tool's path, m, for each millisecond of path time.
-    path_m: Vec<Vector3<f64>>,
-    refused: Option<String>,
+    /// The tool's path, m, for each millisecond of path time: of the first motion and of the second.
+    paths_m: [Vec<Vector3<f64>>; 2],
+    refused: Option<RunError>,
 }
 
 fn work(model: &Model, drawn: &Drawn) -> Result<Seen, RunError> {
     let home = model.robot().tool.home_in_world_m;
-    let plan = plan_from(model, drawn.task.clone(), &home, None)?;
-    let mut path_m = Vec::new();
-    while path_m.len() as f64 * 1e-3 <= plan.timed.duration_s() {
-        path_m.push(plan.timed.tool_m(path_m.len() as f64 * 1e-3)?);
-    }
     let robot = model.robot();
     let plant = at_rest(model, robot, &Mismatch::realistic(), drawn.seed, None)?;
     let simulation = Simulation::new(plant, &LinkOptions::default(), drawn.seed);
@@ -136,21 +138,18 @@ fn work(model: &Model, drawn: &Drawn) -> Result<Seen, RunError> {
     simulated.with(Simulation::record_truth);
     let link = FaultyLink::new(simulated.clone(), &drawn.injections);
     let settle = || link.settle(SETTLE_US).map_err(ClientError::from);
-    let mut outcome = day(model, &link, drawn, Homing::Place(home), Day::First);
+    let mut paths_m = [Vec::new(), Vec::new()];
+    let [first_m, second_m] = &mut paths_m;
+    let mut outcome = day(model, &link, drawn, Homing::Place(home), first_m);
     settle()?;
     let again = link.now_ms();
     let stopped = matches!(outcome, Err(RunError::Interrupted));
     let quiet = simulated.with(|s| s.fault()).is_none();
     if quiet && (outcome.is_ok() || stopped) {
-        // A robot that was stopped on its way is not where its task begins.
-        let second = if stopped { Day::ArmsOnly } else { Day::Second };
-        outcome = day(model, &link, drawn, Homing::Known, second);
+        // From where it stopped it first goes to where its task begins.
+        outcome = day(model, &link, drawn, Homing::Known, second_m);
         settle()?;
     }
-    let refused = match outcome {
-        Ok(()) => None,
-        Err(error) => Some(error.to_string()),
-    };
     let injected_ms = link.injected_ms().into_iter();
     Ok(Seen {
         trace: simulated.with(Simulation::take_trace),
@@ -158,45 +157,38 @@ fn work(model: &Model, drawn: &Drawn) -> Result<Seen, RunError> {
             .map(|ms| usize::try_from(ms).unwrap_or(usize::MAX))
             .collect(),
         again,
-        path_m,
-        refused,
+        paths_m,
+        refused: outcome.err(),
     })
 }
 
-/// What a program does with the robot.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Day {
-    First,
-    Second,
-    ArmsOnly,
-}
-
+/// What a program does with the robot: it arms, follows the task, parks. The tool's path goes to `path_m`; of two days,
+/// the first is the one that has none yet and may be stopped.
 fn day(
     model: &Model,
     link: &FaultyLink,
     drawn: &Drawn,
     homing: Homing<'_>,
-    day: Day,
+    path_m: &mut Vec<Vector3<f64>>,
 ) -> Result<(), RunError> {
     let handle = Handle::new();
-    let number = SessionId(if day == Day::First { 1 } else { 2 });
+    let first = matches!(homing, Homing::Place(_));
+    let number = SessionId(if first { 1 } else { 2 });
     let mut session = Session::open(model, link.clone(), number, &handle, homing, &NoStore)?;
     // Planned before arming: a task that is refused must not leave an armed robot without a host.
-    let plan = match day {
-        Day::ArmsOnly => None,
-        Day::First | Day::Second => Some(session.plan(drawn.task.clone(), None)?),
-    };
-    session.arm()?;
-    if let Some(plan) = plan {
-        let stop_s = drawn.stop_s.filter(|_| day == Day::First);
-        let mut ordered = false;
-        session.follow(&plan, &mut Recorder::default(), |progress| {
-            if !ordered && stop_s.is_some_and(|stop_s| progress.path_s >= stop_s) {
-                handle.stop();
-                ordered = true;
-            }
-        })?;
+    let plan = session.plan(drawn.task.clone(), None)?;
+    while path_m.len() as f64 * 1e-3 <= plan.timed.duration_s() {
+        path_m.push(plan.timed.tool_m(path_m.len() as f64 * 1e-3)?);
     }
+    session.arm()?;
+    let stop_s = drawn.stop_s.filter(|_| first);
+    let mut ordered = false;
+    session.follow(&plan, &mut Recorder::default(), |progress| {
+        if !ordered && stop_s.is_some_and(|stop_s| progress.path_s >= stop_s) {
+            handle.stop();
+            ordered = true;
+        }
+    })?;
     session.disarm()
 }
 
@@ -211,9 +203,10 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
         .and_then(|point| point.fault);
     outcome.latched_after_ms = first.map(|at| at.saturating_sub(from));
     outcome.at_next_arming = first.is_some_and(|at| at >= seen.again && from < seen.again);
-    outcome.refused = seen.refused.clone().filter(|_| first.is_none());
+    let refused = seen.refused.as_ref().filter(|_| first.is_none());
+    outcome.refused = refused.map(ToString::to_string);
     let limits = measure::Limits::of(model);
-    let way = measure::away(&seen.trace, from, &seen.path_m);
+    let way = measure::away(&seen.trace, from, seen.again, &seen.paths_m);
     (outcome.deviation_m, outcome.drop_m) = way;
     let after = seen
         .trace
@@ -226,7 +219,16 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
         .map(|i| i.cable)
         .collect();
     outcome.slack_ms = measure::slack(after, &limits, &without);
-    outcome.named = names::judge(model, injections, outcome.latched.as_ref());
+    outcome.named = match (&outcome.latched, refused) {
+        (Some(record), _) => names::judge(model, &outcome.drawn, (record.fault, record.cable)),
+        (None, Some(error)) => names::judge_refusal(injections, error),
+        (None, None) => RightName::default(),
+    };
+    outcome.told = outcome.named;
+    if let Some(RunError::Fault { why: Some(why), .. }) = &seen.refused {
+        outcome.told = names::judge(model, &outcome.drawn, (why.fault, why.cable));
+        outcome.diagnosed = Some((**why).clone());
+    }
     let mut wrong = Vec::new();
     re_energises(&seen.trace, &mut wrong);
     let faults: Vec<_> = injections.iter().map(|injection| injection.fault).collect();

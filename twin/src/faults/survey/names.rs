@@ -1,10 +1,12 @@
 //! Which names are right for an injected fault, and which faults are not noticed, by docs/faults.md.
 
 use super::super::Injection;
-use super::Moment;
+use super::{Drawn, Moment};
+use mcdpr_core::link::ClientError;
 use mcdpr_core::motion::Model;
 use mcdpr_core::robot::DriveKind;
-use mcdpr_protocol::{FaultId, FaultRecord};
+use mcdpr_core::run::RunError;
+use mcdpr_protocol::FaultId;
 
 /// Whether a fault got its right name, and the right cable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -15,19 +17,12 @@ pub struct RightName {
     pub cable: bool,
 }
 
-/// Judges the latched fault; of two injections, either may be named.
-pub(super) fn judge(
-    model: &Model,
-    injections: &[Injection],
-    latched: Option<&FaultRecord>,
-) -> RightName {
-    let Some(record) = latched else {
-        return RightName::default();
-    };
+/// Judges a fault and its cable (1 for the first, 0 for none); of two injections, either may be named.
+pub(super) fn judge(model: &Model, drawn: &Drawn, (name, cable): (FaultId, u8)) -> RightName {
     let mut best = RightName::default();
-    for injection in injections {
-        let fault = accepted(model, injection).contains(&record.fault);
-        let cable = record.cable == 0 || usize::from(record.cable) == injection.cable + 1;
+    for injection in &drawn.injections {
+        let fault = accepted(model, injection, drawn.moment).contains(&name);
+        let cable = cable == 0 || usize::from(cable) == injection.cable + 1;
         // A fault of the whole robot has no cable; the drives that report it first have theirs.
         let whole = matches!(
             injection.fault,
@@ -41,27 +36,67 @@ pub(super) fn judge(
     best
 }
 
-/// The names that docs/faults.md gives for an injected row.
-fn accepted(model: &Model, injection: &Injection) -> Vec<FaultId> {
+/// Judges an error of the host's program where the board latched nothing. A board without torque latches no loss of its
+/// host: that it does not answer is the name then.
+pub(super) fn judge_refusal(injections: &[Injection], error: &RunError) -> RightName {
+    let unanswered = matches!(
+        error,
+        RunError::Client(ClientError::Silent | ClientError::Lost { .. })
+    );
+    let of_line = |injection: &Injection| {
+        use FaultId as F;
+        matches!(
+            injection.fault,
+            F::L8 | F::L10 | F::L11 | F::L12 | F::L15 | F::L16 | F::L18
+        )
+    };
+    let right = unanswered && injections.iter().any(of_line);
+    RightName {
+        fault: right,
+        cable: right,
+    }
+}
+
+/// The names that docs/faults.md gives for an injected row, in this phase.
+fn accepted(model: &Model, injection: &Injection, moment: Moment) -> Vec<FaultId> {
     use FaultId as F;
     let robot = model.robot();
     let by_tension = model.holding().by_tension().contains(&injection.cable);
     let winch = robot.winch_of(injection.cable);
     let rmds = winch.is_some_and(|winch| winch.drive == DriveKind::Rmds);
+    let at_rest = matches!(
+        moment,
+        Moment::Off | Moment::Arming | Moment::Parked | Moment::Rearming
+    );
     match injection.fault {
         // Nearly nothing arrives: noise, or silence.
         F::L8 => vec![F::L8, F::L10, F::L18],
-        F::L11 | F::L12 | F::L15 | F::L16 => vec![F::L10],
+        F::L11 | F::L12 | F::L15 => vec![F::L10],
+        // A host that hears nothing sends nothing more: the motion runs out first.
+        F::L16 => vec![F::L10, F::K6],
         // Open inputs are a count that stands.
         F::S6 => vec![F::S6, F::S2],
         F::S5 => vec![F::S5, F::C1],
-        F::D2 if rmds && !by_tension => vec![F::D2, F::D7],
+        // An RMDS reports no fault: it does not follow its commands.
+        F::D2 if rmds => vec![F::D2, F::D7],
+        // Before it has come up, a drive that does not answer, or does nothing, is one that never comes up.
+        F::D3 if at_rest => vec![F::D3, F::D5],
         // It keeps its last current.
-        F::D7 if by_tension => vec![F::D7, F::S4, F::C1, F::C2],
+        F::D7 => [
+            &[F::D7][..],
+            if by_tension {
+                &[F::S4, F::C1, F::C2]
+            } else {
+                &[]
+            },
+            if at_rest { &[F::D5] } else { &[] },
+        ]
+        .concat(),
         F::B2 => vec![F::B2, F::C1, F::S10],
-        F::P2 => vec![F::P2, F::D3],
         F::C1 => vec![F::C1, F::S5],
         F::C2 => vec![F::C2, F::C1],
+        // Nobody saw it break: the board finds a slack cable.
+        F::C3 if matches!(moment, Moment::Off | Moment::Parked) => vec![F::C3, F::C1],
         F::C4 => vec![F::C4, F::S5],
         other => vec![other],
     }
