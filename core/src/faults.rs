@@ -50,6 +50,12 @@ pub fn describe_fault(record: &FaultRecord) -> String {
             record.limit & 0xFF,
             record.value
         ),
+        FaultId::P2 if record.limit > 0 => {
+            format!(
+                ": no drive answers ({} ms, limit {} ms)",
+                record.value, record.limit
+            )
+        }
         FaultId::L10 | FaultId::D3 | FaultId::D5 => {
             format!(" for {} ms, limit {} ms", record.value, record.limit)
         }
@@ -91,7 +97,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
             "nothing, while it is rare; if it goes on, look at the encoder cable's shield"
         }
         FaultId::S2 | FaultId::S6 => {
-            "check the drum encoder's plug, supply and coupling; the motor turned but the encoder did not"
+            "check the drum encoder's plug, supply and coupling; the motor turned but the encoder did not. At arming, behind a gear with play: the brake, too"
         }
         FaultId::S3 | FaultId::K9 => "nothing: it is normal",
         FaultId::S4 => {
@@ -124,7 +130,9 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::D7 => {
             "the drum did not follow its command: check the motor's plug, the drive, the brake and for a jam"
         }
-        FaultId::B1 => "check the brake's supply and coil; it must click when the robot arms",
+        FaultId::B1 => {
+            "check the brake's supply and coil, it must click when the robot arms; turn the drum by hand, it may be jammed"
+        }
         FaultId::B2 => {
             "the robot is held by torque: lower it by a motion (clear the fault first), or hold the platform by other means, then give an emergency stop; clean or replace the brake"
         }
@@ -134,7 +142,9 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::P1 => {
             "check the supply under load, clear the fault, then `mcdpr recover`: the board may have kept its lengths"
         }
-        FaultId::P2 => "when the supply is back: reference the lengths and arm",
+        FaultId::P2 => {
+            "no drive answers: check their supply and the CAN plug at the board; then reference the lengths and arm"
+        }
         FaultId::P3 | FaultId::P4 => {
             "`mcdpr doctor` shows the firmware's last message; report it; then clear the fault, reference the lengths and re-arm"
         }

@@ -107,7 +107,7 @@ fn the_input_filter_swallows_edges_that_no_drum_makes() {
 }
 
 #[test]
-fn d5_without_drives_it_does_not_arm_and_no_brake_ever_opens() {
+fn p2_without_drives_it_does_not_arm_and_no_brake_ever_opens() {
     let mut bench = Bench::new();
     let config_hash = bench.prepare();
     assert_eq!(bench.done(Request::Arm { config_hash }), Reply::Done);
@@ -119,7 +119,7 @@ fn d5_without_drives_it_does_not_arm_and_no_brake_ever_opens() {
     }
     let status = bench.status();
     let fault = status.fault.expect("a fault is latched");
-    assert_eq!((fault.fault, fault.cable), (FaultId::D5, 1));
+    assert_eq!((fault.fault, fault.cable), (FaultId::P2, 0));
     // Drives may take 40 ms, as configured, and 500 ms more.
     assert_eq!(fault.limit, 540);
     let took = fault.tick.0 - asked.tick.0;

@@ -247,8 +247,9 @@ fn arming_fails(protocol: &str, spoil: impl FnOnce(&mut DriveNodes)) -> (FaultId
 }
 
 #[test]
-fn d5_a_drive_that_is_silent_has_another_number_or_another_mode_is_named_and_does_not_arm() {
+fn d5_p2_drives_that_are_silent_have_another_number_or_another_mode_are_named_and_do_not_arm() {
     for protocol in ["rmds", "cia402"] {
+        // All of them: their supply or their bus. One alone: that drive.
         let silent = |nodes: &mut DriveNodes| {
             for drive in 0..4 {
                 nodes.fault_mut(drive).expect("a drive").silent = true;
@@ -256,9 +257,13 @@ fn d5_a_drive_that_is_silent_has_another_number_or_another_mode_is_named_and_doe
         };
         assert_eq!(
             arming_fails(protocol, silent),
-            (FaultId::D5, 1),
+            (FaultId::P2, 0),
             "{protocol}"
         );
+        let one = |nodes: &mut DriveNodes| {
+            nodes.fault_mut(2).expect("a drive").silent = true;
+        };
+        assert_eq!(arming_fails(protocol, one), (FaultId::D5, 3), "{protocol}");
         let elsewhere = |nodes: &mut DriveNodes| {
             nodes.fault_mut(1).expect("a drive").node = Some(14);
         };

@@ -213,7 +213,7 @@ fn s4_c3_c5_d1_l18_p2_are_noticed_by_their_names_and_in_their_time() {
         ("C3:1@0.9s", FaultId::C3, 1, 251, 0.2),
         ("C5@0.9s", FaultId::C5, 0, 40, 5e-3),
         ("L18@0.9s", FaultId::L18, 0, 100, 5e-3),
-        ("P2@0.9s", FaultId::D3, 0, 12, 5e-3),
+        ("P2@0.9s", FaultId::P2, 0, 12, 5e-3),
     ] {
         let after = run(&[word]);
         let record = after.record().unwrap();

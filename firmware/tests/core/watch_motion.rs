@@ -101,6 +101,31 @@ fn d3_a_lost_drives_brake_closes_at_once_and_stays_closed_when_the_drive_comes_b
 }
 
 #[test]
+fn p2_drives_that_all_fall_silent_have_lost_their_supply_and_every_brake_closes_at_once() {
+    let mut bench = Bench::moving(4000, 500);
+    // They are asked one after the other: their last answers are some ticks apart.
+    bench.tamper = |i| {
+        for (drive, age_ms) in i.drives.iter_mut().zip([7, 10, 9, 8]) {
+            drive.age_ms = age_ms;
+        }
+    };
+    let outputs = bench.step();
+    let record = bench.server.controller().fault().unwrap();
+    assert_eq!((record.fault, record.cable), (FaultId::P2, 0));
+    assert_eq!(outputs.brakes, [Brake::Closed; 4]);
+    // Three of four: these drives are lost, not their supply.
+    let (ticks, fault, cable, state) = ticks_in_motion(|i| {
+        for (drive, age_ms) in i.drives.iter_mut().zip([1, 10, 10, 10]) {
+            drive.age_ms = age_ms;
+        }
+    });
+    assert_eq!(
+        (ticks, fault, cable, state),
+        (1, FaultId::D3, 2, State::Stopping)
+    );
+}
+
+#[test]
 fn one_braked_axis_does_not_blind_the_watch_over_the_others() {
     let mut bench = Bench::moving(4000, 500);
     bench.tamper = |i| i.drives[1].age_ms = 10;

@@ -79,6 +79,8 @@ fn accepted(model: &Model, injection: &Injection, moment: Moment) -> Vec<FaultId
         F::S5 => vec![F::S5, F::C1],
         // An RMDS reports no fault: it does not follow its commands.
         F::D2 if rmds => vec![F::D2, F::D7],
+        // A brake that drags more than its motor can turn is a closed one.
+        F::D4 => vec![F::D4, F::B1],
         // Before it has come up, a drive that does not answer, or does nothing, is one that never comes up.
         F::D3 if at_rest => vec![F::D3, F::D5],
         // It keeps its last current.
