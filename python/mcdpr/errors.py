@@ -98,4 +98,7 @@ class RunError(Error):
 
 
 class FaultError(RunError):
-    """The board stopped by itself: ``fault`` (such as ``S2``), ``cable``, ``value``, ``limit``."""
+    """The board stopped by itself: ``fault`` (such as ``S2``), ``cable``, ``value``, ``limit``.
+
+    ``probable_cause`` and ``probable_cable``: what the samples around it show, where they show another.
+    """

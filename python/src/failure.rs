@@ -350,7 +350,11 @@ impl From<RunError> for Failure {
         match error {
             RunError::Plan(error) => error.into(),
             RunError::Task(error) => error.into(),
-            RunError::Fault { record, .. } | RunError::Latched { record } => {
+            RunError::Fault { record, ref why } => Self::of("FaultError", &error)
+                .with_all(of_fault(&record))
+                .with("probable_cause", why.as_ref().map(|why| why.fault.name()))
+                .with("probable_cable", why.as_ref().map(|why| why.cable)),
+            RunError::Latched { record } => {
                 Self::of("FaultError", &error).with_all(of_fault(&record))
             }
             error => Self::of("RunError", &error),

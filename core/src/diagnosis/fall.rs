@@ -53,8 +53,8 @@ pub(super) fn judge(window: &Window<'_>) -> Option<Diagnosis> {
             },
             cable: number,
             because: format!(
-                "its tension fell from {was_n:.1} N to none within {FALL_TICKS} ms, {ago} ms before the board stopped for \
-                 a fault, and it was tight again: it slipped, or lay loose"
+                "its tension fell from {was_n:.1} N to none within {FALL_TICKS} ms, {ago} ms before the fault was \
+                 latched, and it was tight again: it slipped, or lay loose"
             ),
         });
     }

@@ -264,7 +264,7 @@ impl<L: Link> Session<'_, L> {
         };
         let rest = ahead.rest;
         self.set_at(rest);
-        outcome
+        outcome.map_err(|error| self.explain(error))
     }
 
     /// Holds under tension for some seconds, or until a stop; executes jogs that are ordered
@@ -285,7 +285,7 @@ impl<L: Link> Session<'_, L> {
             client.step()?;
             while client.next_event().is_some() {}
             if let Some(record) = client.status().and_then(|status| status.fault) {
-                return Err(RunError::Fault { record, why: None });
+                return Err(self.explain(RunError::Fault { record, why: None }));
             }
             let Some((ticket, order)) = client.handle().take() else {
                 continue;

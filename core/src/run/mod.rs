@@ -1,5 +1,6 @@
 //! Running a plan on a board: bring it up, stream the motion, keep what was measured, shut down.
 
+mod explained;
 mod interrupt;
 pub mod jog;
 mod orders;
@@ -11,6 +12,7 @@ mod session;
 mod stream;
 pub mod tracking;
 
+pub use explained::explained;
 pub use interrupt::{interrupt, interrupted};
 pub use orders::stop_wanted;
 pub use record::{Measured, Recorder};
@@ -21,7 +23,7 @@ pub(crate) use stream::follow_plan;
 pub use stream::{Halt, Progress, follow, follow_watched};
 
 use crate::control::Order;
-use crate::diagnosis::{Diagnosis, diagnose};
+use crate::diagnosis::Diagnosis;
 use crate::faults::{advice, describe_fault};
 use crate::link::{Client, ClientError, Link};
 use crate::machine::{self, OutOfRange};
@@ -142,7 +144,7 @@ pub enum RunError {
 
 /// The addition to a fault's description; empty where nothing more is known.
 fn told(why: Option<&Diagnosis>) -> String {
-    why.map_or_else(String::new, |why| format!(". {why}"))
+    why.map_or_else(String::new, |why| format!("; {why}"))
 }
 
 /// The fault to give advice about.
@@ -312,36 +314,6 @@ fn torque_off<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
         ) if emergency => Ok(()),
         outcome => outcome,
     }
-}
-
-/// Time after a stop in which a platform finds its new rest, µs.
-const SETTLES_US: u64 = 1_000_000;
-/// The longest stop: its path, the brakes and their test, µs.
-const STOPS_US: u64 = 4_000_000;
-
-/// Watches a board that has latched a fault until the robot rests, and a second longer; an order to stop, or a board that
-/// does not answer, ends that. The probable cause.
-fn watch_fault<L: Link>(
-    client: &mut Client<L>,
-    model: &Model,
-    record: &FaultRecord,
-) -> Option<Diagnosis> {
-    let mut until_us = client.now_us() + STOPS_US;
-    let mut rests = false;
-    while client.now_us() < until_us && orders::stop_wanted(client).is_none() {
-        let next_us = client.now_us() + 20_000;
-        client.pump(next_us).ok()?;
-        let state = client.status().map(|status| status.state);
-        let resting = matches!(
-            state,
-            Some(BoardState::Fault | BoardState::EStop | BoardState::Holding)
-        );
-        if resting && !rests {
-            rests = true;
-            until_us = client.now_us() + SETTLES_US;
-        }
-    }
-    diagnose(model, record, &client.recent())
 }
 
 /// A plan's start may differ from the board's set-points by this, m: elasticity at a tension that

@@ -444,21 +444,9 @@ impl<'m, L: Link> Session<'m, L> {
         self.close()
     }
 
-    /// Adds to a fault what the samples around it show. That takes until the robot rests, and a second.
-    fn explain(&mut self, error: RunError) -> RunError {
-        match error {
-            RunError::Fault { record, why: None } => {
-                let why = super::watch_fault(&mut self.client, self.model, &record);
-                if let Some(why) = &why {
-                    self.client.note(Note::Remark(&why.to_string()));
-                }
-                RunError::Fault {
-                    record,
-                    why: why.map(Box::new),
-                }
-            }
-            other => other,
-        }
+    /// [`super::explained`] with this robot.
+    pub(super) fn explain(&mut self, error: RunError) -> RunError {
+        super::explained(&mut self.client, self.model, error)
     }
 
     /// Saves the lengths and releases a disarmed board.

@@ -16,6 +16,8 @@ struct Document<'a> {
     injected_ms: &'a [u64],
     noticed: Option<&'static str>,
     noticed_after_ms: Option<usize>,
+    /// Fault and cable that the samples show as the cause, where they show another.
+    probable_cause: Option<(&'static str, u8)>,
     timeline: Vec<(i64, String)>,
     drop_m: f64,
     largest_tension_over_limit: f64,
@@ -71,7 +73,8 @@ pub(super) fn show(model: &Model, task: Task, scenario: &Scenario, common: &Comm
         Some(error) => say!("the program ended: {error}"),
     }
     if let Some(record) = after.record() {
-        say!("what to do: {}", advice(record.fault));
+        let fault = after.cause().map_or(record.fault, |why| why.fault);
+        say!("what to do: {}", advice(fault));
     }
     Ok(())
 }
@@ -109,6 +112,7 @@ fn document<'a>(scenario: &'a Scenario, after: &'a Aftermath, seed: u64) -> Docu
         injected_ms: &after.injected_ms,
         noticed: after.record().map(|record| record.fault.name()),
         noticed_after_ms: after.detected_after_ms(),
+        probable_cause: after.cause().map(|why| (why.fault.name(), why.cable)),
         timeline: moments.map(|m| (m.after_ms, m.what)).collect(),
         drop_m: after.drop_m(),
         largest_tension_over_limit: share,

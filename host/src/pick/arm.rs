@@ -317,7 +317,8 @@ impl<L: Link> Arm<L> {
         self.client.note(Note::Plan(&plan));
         let mut recorder = Recorder::default();
         let from_s = self.time_s();
-        run::follow(&mut self.client, &knots, &mut recorder, |_| {})?;
+        let followed = run::follow(&mut self.client, &knots, &mut recorder, |_| {});
+        followed.map_err(|error| self.explain(error))?;
         if let Some(tracking) = &mut self.tracking {
             tracking.moved(&recorder.samples);
         }
@@ -393,9 +394,13 @@ impl<L: Link> Arm<L> {
             self.client.pump(next).map_err(RunError::from)?;
         }
         if let Some(record) = run::status(&mut self.client)?.fault {
-            return Err(RunError::Fault { record, why: None }.into());
+            return Err(self.explain(RunError::Fault { record, why: None }));
         }
         Ok(())
+    }
+
+    fn explain(&mut self, error: RunError) -> PickError {
+        run::explained(&mut self.client, &self.model, error).into()
     }
 
     /// Opens or closes the gripper and waits until it has finished; returns whether its switch

@@ -2,6 +2,7 @@
 
 use crate::motion::Model;
 use crate::run::RunError;
+use mcdpr_core::diagnosis::Diagnosis;
 use mcdpr_firmware::State;
 use mcdpr_protocol::FaultRecord;
 use mcdpr_simulator::TracePoint;
@@ -91,6 +92,15 @@ impl Aftermath {
     #[must_use]
     pub fn record(&self) -> Option<FaultRecord> {
         self.trace.iter().find_map(|point| point.fault)
+    }
+
+    /// The probable cause that the host's program found, where it is another than the latched fault.
+    #[must_use]
+    pub fn cause(&self) -> Option<&Diagnosis> {
+        match &self.error {
+            Some(RunError::Fault { why, .. }) => why.as_deref(),
+            _ => None,
+        }
     }
 
     /// Ticks from the first injection until a fault was latched.

@@ -5,7 +5,7 @@ use super::error::PlantError;
 use super::params::MAX_CABLES;
 use super::platform::{Body, Motion};
 use super::unmodelled::Unmodelled;
-use super::vec3::{V3, add, axpy, cross, mul, mul_t, norm, q_matrix, scale};
+use super::vec3::{V3, add, axpy, cross, dot, mul, mul_t, norm, q_matrix, scale};
 
 /// Drag over mass and over inertia of the damped copy (1/s): near critical for the slow modes of
 /// 1-2 Hz, while the cables' fast modes still die within a few seconds.
@@ -19,6 +19,10 @@ const NEARLY_N: f64 = 1e-3;
 const NEARLY_MPS: f64 = 1e-3;
 /// The search gives up after this much simulated time (s).
 const GIVE_UP_S: f64 = 120.0;
+/// A load on one point need not come to rest about the vertical; after this time its other motions count alone (s).
+const TURNS_S: f64 = 20.0;
+/// Attachments no farther apart than this are one point (m): an eyelet, with its tolerance.
+const ONE_POINT_M: f64 = 0.005;
 
 /// How a cable acts on the platform during the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +54,7 @@ pub(crate) fn settle(
 ) -> Result<Motion, PlantError> {
     let h = step_s.min(1e-4);
     let keep = 1.0 / (1.0 + DRAG_PER_S * h);
+    let turns = hangs_on_one_point(cables);
     let mut time_s = 0.0;
     loop {
         motion.drift(body, 0.5 * h);
@@ -77,7 +82,7 @@ pub(crate) fn settle(
                         motion.velocity,
                         mul(&rotation, cross(spin, cable.attachment)),
                     );
-                    let rate = super::vec3::dot(path.direction, velocity);
+                    let rate = dot(path.direction, velocity);
                     cable.tension(path.length_m, rate, 0.0, 0.0).platform_n
                 }
             };
@@ -94,13 +99,17 @@ pub(crate) fn settle(
 
         let residual_n = norm(force).max(norm(torque) / 0.1);
         let speed = norm(motion.velocity).max(0.1 * norm(spin));
-        if residual_n < BALANCED_N && speed < AT_REST_MPS {
-            motion.velocity = [0.0; 3];
-            motion.momentum = [0.0; 3];
-            return Ok(motion);
-        }
-        // A load on one point has a yaw that almost nothing turns back: it need not come to rest.
-        if time_s > GIVE_UP_S && residual_n < NEARLY_N && speed < NEARLY_MPS {
+        let balanced = residual_n < BALANCED_N && speed < AT_REST_MPS;
+        // Almost nothing turns such a load back about the vertical.
+        let level = |vector: V3| {
+            let up = mul_t(&rotation, [0.0, 0.0, 1.0]);
+            axpy(vector, -dot(vector, up), up)
+        };
+        let nearly = turns
+            && time_s > TURNS_S
+            && norm(force).max(norm(level(torque)) / 0.1) < NEARLY_N
+            && norm(motion.velocity).max(0.1 * norm(level(spin))) < NEARLY_MPS;
+        if balanced || nearly {
             motion.velocity = [0.0; 3];
             motion.momentum = [0.0; 3];
             return Ok(motion);
@@ -113,4 +122,13 @@ pub(crate) fn settle(
             });
         }
     }
+}
+
+/// Whether all cables hold the platform at one point, so that it turns freely about it.
+fn hangs_on_one_point(cables: &[Cable]) -> bool {
+    let Some(first) = cables.first() else {
+        return false;
+    };
+    let mut others = cables.iter();
+    others.all(|cable| norm(axpy(cable.attachment, -1.0, first.attachment)) < ONE_POINT_M)
 }

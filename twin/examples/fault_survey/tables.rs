@@ -26,6 +26,7 @@ struct Counts {
     due: usize,
     noticed: usize,
     fault: usize,
+    told: usize,
     cable: usize,
 }
 
@@ -39,7 +40,8 @@ fn counts<'a>(outcomes: impl Iterator<Item = &'a Outcome>) -> Counts {
         counts.due += 1;
         counts.noticed += usize::from(outcome.is_noticed());
         counts.fault += usize::from(outcome.named.fault);
-        counts.cable += usize::from(outcome.named.cable);
+        counts.told += usize::from(outcome.told.fault);
+        counts.cable += usize::from(outcome.told.cable);
     }
     counts
 }
@@ -56,9 +58,9 @@ pub(crate) fn print(all: &[Outcome]) {
         "One fault, by row. Times in ms, ways in mm; latched while it was under torque or parked, not at the next arming.\n"
     );
     println!(
-        "| fault | runs | noticed, % | named, % | cable too, % | median | latest | deviation | drop | over limit | slack | share |"
+        "| fault | runs | noticed, % | latched right, % | told right, % | cable too, % | median | latest | deviation | drop | over limit | slack | share |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for &fault in FaultId::ALL {
         let of = || single().filter(move |o| o.drawn.injections[0].fault == fault);
         if of().next().is_some() {
@@ -66,8 +68,10 @@ pub(crate) fn print(all: &[Outcome]) {
         }
     }
     println!("\nBy phase.\n");
-    println!("| phase | runs | to be noticed | noticed, % | named, % | cable too, % |");
-    println!("|---|---|---|---|---|---|");
+    println!(
+        "| phase | runs | to be noticed | noticed, % | latched right, % | told right, % | cable too, % |"
+    );
+    println!("|---|---|---|---|---|---|---|");
     for moment in Moment::ALL {
         let of = single().filter(|outcome| outcome.drawn.moment == moment);
         phase(moment.name(), &counts(of));
@@ -77,9 +81,10 @@ pub(crate) fn print(all: &[Outcome]) {
     let pairs = pairs.filter(|outcome| outcome.drawn.injections.len() > 1);
     phase("pairs", &counts(pairs));
     println!(
-        "\nConfusions: what was latched; `-` is nothing, `host` a refusal by the host's program.\n"
+        "\nConfusions: what a user was told, the probable cause or else the latched fault; `-` is nothing, `host` an error \
+         of the host's program.\n"
     );
-    println!("| injected | latched, cable right | latched, another cable |");
+    println!("| injected | told, cable right | told, another cable |");
     println!("|---|---|---|");
     for &fault in FaultId::ALL {
         let of = || single().filter(move |o| o.drawn.injections[0].fault == fault);
@@ -97,10 +102,11 @@ fn row(name: &str, of: &[&Outcome]) {
     let time = |at: Option<&usize>| at.map_or("-".to_owned(), ToString::to_string);
     let most = |value: fn(&Outcome) -> f64| of.iter().map(|o| value(o)).fold(0.0, f64::max);
     println!(
-        "| {name} | {} | {} | {} | {} | {} | {} | {:.2} | {:.2} | {} | {} | {:.2} |",
+        "| {name} | {} | {} | {} | {} | {} | {} | {} | {:.2} | {:.2} | {} | {} | {:.2} |",
         counted.runs,
         share(counted.noticed, counted.due),
         share(counted.fault, counted.due),
+        share(counted.told, counted.due),
         share(counted.cable, counted.due),
         time(times.get(times.len() / 2)),
         time(times.last()),
@@ -114,11 +120,12 @@ fn row(name: &str, of: &[&Outcome]) {
 
 fn phase(name: &str, counted: &Counts) {
     println!(
-        "| {name} | {} | {} | {} | {} | {} |",
+        "| {name} | {} | {} | {} | {} | {} | {} |",
         counted.runs,
         counted.due,
         share(counted.noticed, counted.due),
         share(counted.fault, counted.due),
+        share(counted.told, counted.due),
         share(counted.cable, counted.due),
     );
 }
@@ -127,13 +134,12 @@ fn confusion<'a>(name: &str, of: impl Iterator<Item = &'a Outcome>) {
     let (mut same, mut other) = (BTreeMap::new(), BTreeMap::new());
     for outcome in of {
         let cable = outcome.drawn.injections[0].cable + 1;
-        let (latched, right) = match outcome.latched {
-            Some(record) => {
-                let right = record.cable == 0 || usize::from(record.cable) == cable;
-                (record.fault.name(), right)
-            }
-            None if outcome.refused.is_some() => ("host", true),
-            None => ("-", true),
+        let own = |number: u8| number == 0 || usize::from(number) == cable;
+        let (latched, right) = match (&outcome.diagnosed, outcome.latched) {
+            (Some(why), _) => (why.fault.name(), own(why.cable)),
+            (None, Some(record)) => (record.fault.name(), own(record.cable)),
+            (None, None) if outcome.refused.is_some() => ("host", true),
+            (None, None) => ("-", true),
         };
         let into = if right { &mut same } else { &mut other };
         *into.entry(latched).or_insert(0_usize) += 1;

@@ -229,7 +229,9 @@ pub fn collect<L: Link, S: TagSource>(
             run::disarm(&mut session.client)?;
             Ok(data)
         }
-        Err(error @ CollectError::Run(_)) => Err(error),
+        Err(CollectError::Run(error)) => {
+            Err(run::explained(&mut session.client, model, error).into())
+        }
         Err(error) => {
             // The robot works: disarm it before reporting the error.
             session.go_home()?;

@@ -111,7 +111,7 @@ fn run_drawn(model: &Model, drawn: Drawn) -> Outcome {
     };
     match work(model, &outcome.drawn) {
         Ok(seen) => judge(model, &seen, &mut outcome),
-        Err(error) => outcome.violations.push(format!("no run: {error}")),
+        Err(error) => outcome.violations.push(format!("no run: {error:?}")),
     }
     outcome
 }
