@@ -148,7 +148,8 @@ pub fn commission<L: Link>(
         Some(Ok((before, error))) => {
             let stiffness = Stiffness {
                 stiffness_nm_per_rad: before * efficiency,
-                stiffness_se_nm_per_rad: error * efficiency,
+                stiffness_se_nm_per_rad: (error * efficiency)
+                    .hypot(before * loss.map_or(0.0, |loss| loss.efficiency_se)),
                 before_loss_nm_per_rad: before,
                 efficiency,
             };

@@ -72,7 +72,9 @@ impl Rubbing {
             return;
         };
         if let Some(found) = &self.friction {
-            let drum_nm = winch.friction_n * winch.drum_radius_m / winch.gear_ratio;
+            // It reaches the motor through the gear's loss.
+            let drum_nm =
+                winch.friction_n * winch.drum_radius_m / winch.gear_ratio / gear.efficiency;
             let at_motor_nm = (found.friction_nm - drum_nm).max(0.0);
             let described_nm = gear.rotor_friction_nm + gear.gear_friction_nm;
             let share = if described_nm > 0.0 {

@@ -17,7 +17,7 @@ use std::f64::consts::TAU;
 pub struct Stiffness {
     /// Torque per twist between motor and drum, at the drum, N m/rad: the slope times the efficiency.
     pub stiffness_nm_per_rad: f64,
-    /// Its standard error, N m/rad, without that of the efficiency.
+    /// Its standard error, N m/rad, with that of the efficiency if it was measured.
     pub stiffness_se_nm_per_rad: f64,
     /// The slope itself: the motor's torque behind the gear's ratio but before its loss, per twist, N m/rad.
     pub before_loss_nm_per_rad: f64,
@@ -190,7 +190,7 @@ fn slope(
     let residual = mean(&|p| (p.1 - twist - compliance * (p.0 - torque)).powi(2));
     // Looks in a row are no independent measurements: an angle that sticks is the same for many. Ten of them count.
     let error = (residual / squares / 10.0).sqrt();
-    if !(compliance > 0.0) || error > MOST_ERROR * compliance {
+    if compliance.is_nan() || compliance <= 0.0 || error > MOST_ERROR * compliance {
         return Err(format!(
             "the motor turned by {:.2} degrees of the drum (standard error {:.2}) for {:.2} N m",
             (compliance * (most_nm - from_nm) * winch.gear_ratio).to_degrees(),
@@ -201,7 +201,7 @@ fn slope(
     Ok((1.0 / compliance, error / (compliance * compliance)))
 }
 
-/// Torque at the end of the longest time in which the motor stood, once it had turned by half of its way, N m.
+/// Torque at the end of the longest time in which the motor stood, once it had turned by a tenth of its way, N m.
 fn resumes_nm(looks: &[Look]) -> f64 {
     let (Some(first), Some(last)) = (looks.first(), looks.last()) else {
         return 0.0;
@@ -211,7 +211,7 @@ fn resumes_nm(looks: &[Look]) -> f64 {
     let (mut longest, mut resumes) = (0.0, 0.0);
     for look in looks
         .iter()
-        .filter(|look| (look.1 - first.1).abs() > 0.5 * way)
+        .filter(|look| (look.1 - first.1).abs() > 0.1 * way)
     {
         let torque = look.0.abs();
         if stood != look.1 {
