@@ -219,10 +219,12 @@ pub enum ServiceError {
         backdrive_se: f64,
     },
     /// The operator did not answer.
-    #[error("no answer was given about the direction of the drum of winch {winch}")]
+    #[error("no answer was given about the drum of winch {winch}")]
     #[diagnostic(
         code(mcdpr::service::nobody),
-        help("watch the drum and answer, or run again with `--paid-out yes` or `--paid-out no`")
+        help(
+            "watch the drum and answer, or run again with `--paid-out yes` or `--paid-out no`; a weight needs an answer at a terminal or on the page"
+        )
     )]
     NoAnswer {
         /// The winch.
