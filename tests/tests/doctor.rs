@@ -9,7 +9,7 @@ use mcdpr::machine::{self, Controller, Mismatch};
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
 use mcdpr::run::RunError;
-use mcdpr::service::{Operator, ServiceError, commission, measure_ratio};
+use mcdpr::service::{Asked, Operator, ServiceError, commission, measure_ratio};
 use mcdpr_protocol::{FaultId, SessionId};
 use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::plant::{EncoderFault, Faults, TensionFault};
@@ -244,7 +244,7 @@ fn bare(break_it: impl FnOnce(&mut Faults)) -> (Client<SimulatedLink>, Robot) {
 #[test]
 fn work_on_a_bare_winch_ends_at_a_silent_bus_a_dead_encoder_and_a_drive_that_stays_off() {
     let (mut client, robot) = bare(|faults| faults.bus_off = true);
-    let error = commission(&mut client, &robot, 1, None, &mut Nobody).unwrap_err();
+    let error = commission(&mut client, &robot, 1, &Asked::default(), &mut Nobody).unwrap_err();
     assert!(matches!(error, ServiceError::NoDrive { .. }), "{error}");
     let (mut client, robot) = bare(|faults| faults.cables[0].encoder = EncoderFault::Stuck);
     let error = measure_ratio(&mut client, &robot, 1, 1).unwrap_err();

@@ -23,48 +23,62 @@ fn run(folder: &Folder, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-#[test]
-fn commissioning_finds_friction_and_play_of_a_geared_winch() {
-    let folder = Folder::new("commission-geared");
+/// `commission` of a winch with a weight, on a machine whose robot file differs from what it is told by these
+/// replacements in its text; the output, and the robot file of the machine.
+fn commissioned(name: &str, winch: &str, changes: &[(&str, &str)]) -> (Folder, Output, Robot) {
+    let folder = Folder::new(name);
     let says = robot_text();
-    // The machine rubs more than its file says, and has more play: 0.48 and 0.40 mN m, 1.7 degrees.
-    let built = says
-        .replace("rotor_friction_mnm = 0.3", "rotor_friction_mnm = 0.48")
-        .replace("gear_friction_mnm = 0.25", "gear_friction_mnm = 0.40")
-        .replace("play_deg = 1.0", "play_deg = 1.7");
-    assert_ne!(says, built);
+    let mut built = says.clone();
+    for (from, to) in changes {
+        assert!(built.contains(from), "{from}");
+        built = built.replace(from, to);
+    }
     std::fs::write(folder.path().join("says.toml"), &says).unwrap();
     std::fs::write(folder.path().join("built.toml"), built).unwrap();
-    let output = run(
-        &folder,
+    let words = format!(
+        "commission {winch} --robot says.toml --built built.toml --weight-kg 1 --temperature-c 23.5 --json --out w.toml"
+    );
+    let output = run(&folder, &words.split(' ').collect::<Vec<_>>());
+    let built = robot::load(&folder.path().join("built.toml")).unwrap();
+    (folder, output, built)
+}
+
+#[test]
+fn commissioning_finds_friction_play_loss_and_stiffness_of_a_geared_winch() {
+    // The machine rubs more than its file says, has more play, loses less and yields less: 0.48 and 0.40 mN m, 1.7
+    // degrees, 78 % and 450 N m/rad.
+    let (folder, output, built) = commissioned(
+        "commission-geared",
+        "2",
         &[
-            "commission",
-            "2",
-            "--robot",
-            "says.toml",
-            "--built",
-            "built.toml",
-            "--json",
-            "--out",
-            "two.toml",
+            ("rotor_friction_mnm = 0.3", "rotor_friction_mnm = 0.48"),
+            ("gear_friction_mnm = 0.25", "gear_friction_mnm = 0.40"),
+            ("play_deg = 1.0", "play_deg = 1.7"),
+            ("gear_efficiency = 0.65", "gear_efficiency = 0.78"),
+            (
+                "torsional_stiffness_nm_per_rad = 300",
+                "torsional_stiffness_nm_per_rad = 450",
+            ),
         ],
     );
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{errors}");
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!("{found}");
+    let number = |part: &str, key: &str| found[part][key].as_f64().unwrap();
     let rubs = &found["rubbing"];
-    println!("{rubs}");
     // What the simulated machine of this seed was drawn with; of the motor and, through the gear, of
-    // the drum: 0.5 N on 20 mm behind 371.13:1 at 65 %.
-    let built = robot::load(&folder.path().join("built.toml")).unwrap();
+    // the drum: 0.5 N on 20 mm behind 371.13:1.
     let drawn = machine::plant_params(&built, &Mismatch::realistic(), 1).winches[1].clone();
     let gear = drawn.gear.unwrap();
-    let expected_nm = gear.rotor_friction_nm + gear.gear_friction_nm + 0.5 * 0.02 / 371.13 / 0.65;
-    let friction_nm = rubs["friction_nm"].as_f64().unwrap();
-    assert!((friction_nm / expected_nm - 1.0).abs() < 0.1, "{rubs}");
+    let efficiency = gear.efficiency_driving;
+    let expected_nm =
+        gear.rotor_friction_nm + gear.gear_friction_nm + 0.5 * 0.02 / 371.13 / efficiency;
+    let friction_nm = number("rubbing", "friction_nm");
+    assert!((friction_nm / expected_nm - 1.0).abs() < 0.03, "{rubs}");
     let play_deg = gear.play_rad.to_degrees();
     assert!(
-        (rubs["play_deg"].as_f64().unwrap() - play_deg).abs() < 0.05,
+        (number("rubbing", "play_deg") - play_deg).abs() < 0.05,
         "{rubs}, not {play_deg}"
     );
     // Play of 1.7 degrees is 8 % of the turn that the ratio is taken from: it must not be in it.
@@ -73,11 +87,82 @@ fn commissioning_finds_friction_and_play_of_a_geared_winch() {
         built.winch_of(1).unwrap().motor_counts_per_turn.abs(),
         "{found}"
     );
-    let differs = found["differs"].to_string();
+    for (key, true_share) in [
+        ("efficiency", efficiency),
+        ("backdrive_efficiency", gear.efficiency_driven),
+    ] {
+        let error = number("loss", key) - true_share;
+        assert!(error.abs() < 0.05, "{key}: {error}, {}", found["loss"]);
+        let stated = number("loss", &format!("{key}_se"));
+        assert!(stated > 0.0 && error.abs() < 4.0 * stated, "{key}: {error}");
+    }
+    let stiffness = number("stiffness", "stiffness_nm_per_rad");
     assert!(
-        differs.contains("play_deg") && differs.contains("friction"),
-        "{differs}"
+        (stiffness / gear.stiffness_nm_per_rad - 1.0).abs() < 0.15,
+        "{}, not {}",
+        found["stiffness"],
+        gear.stiffness_nm_per_rad
     );
+    let differs = found["differs"].to_string();
+    for key in ["play_deg", "friction", "gear_efficiency"] {
+        assert!(differs.contains(key), "{differs}");
+    }
+    // A robot file takes the module over.
+    let module = std::fs::read_to_string(folder.path().join("w.toml")).unwrap();
+    assert!(module.contains("at 23.5 degrees"), "{module}");
+    let of = |key: &str| {
+        let line = module.lines().find(|line| line.starts_with(key)).unwrap();
+        let (_, value) = line.split_once('=').unwrap();
+        value.trim().parse::<f64>().unwrap()
+    };
+    assert!((of("gear_efficiency") - efficiency).abs() < 0.05);
+    assert!((of("torsional_stiffness_nm_per_rad") - stiffness).abs() < 1.0);
+}
+
+/// The ripple of position set-points in the sampled current is as large as the friction of such a gear.
+#[test]
+fn commissioning_finds_the_friction_of_a_light_gear() {
+    let (_folder, output, built) = commissioned(
+        "commission-light",
+        "1",
+        &[
+            ("rotor_friction_mnm = 0.3", "rotor_friction_mnm = 0.03"),
+            ("gear_friction_mnm = 0.25", "gear_friction_mnm = 0.03"),
+        ],
+    );
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let rubs = &found["rubbing"];
+    let drawn = machine::plant_params(&built, &Mismatch::realistic(), 1).winches[0].clone();
+    let gear = drawn.gear.unwrap();
+    let drum_nm = 0.5 * 0.02 / 371.13 / gear.efficiency_driving;
+    let expected_nm = gear.rotor_friction_nm + gear.gear_friction_nm + drum_nm;
+    let friction_nm = rubs["friction_nm"].as_f64().unwrap();
+    assert!(
+        (friction_nm / expected_nm - 1.0).abs() < 0.1,
+        "{rubs}, not {expected_nm}"
+    );
+}
+
+#[test]
+fn a_loss_that_no_gear_has_is_refused_and_nothing_is_written() {
+    // The motor is far stronger than its file says: more than all of its power would reach the drum.
+    let (folder, output, _) = commissioned(
+        "commission-lossless",
+        "1",
+        &[(
+            "torque_constant_nm_per_a = 0.006",
+            "torque_constant_nm_per_a = 0.011",
+        )],
+    );
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{errors}");
+    assert!(
+        errors.contains("no gear behaves so") && errors.contains("torque_constant_nm_per_a"),
+        "{errors}"
+    );
+    assert!(!folder.path().join("w.toml").exists());
 }
 
 fn succeeds(folder: &Folder, words: &[&str]) {

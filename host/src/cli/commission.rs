@@ -5,14 +5,15 @@ use super::{Common, Failed, Outcome, print_json};
 use crate::files::write_atomically;
 use crate::link::SimulatedLink;
 use crate::robot::{Robot, Winch};
-use crate::service::{Commissioned, Operator, commission};
+use crate::service::{Asked, Commissioned, Operator, commission};
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;
 
 /// Bring up one bare winch: find its drive, directions, brake and sensor zero; write its module file
 ///
-/// No cable may be on the drum. Only this winch moves: slowly, at most three eighths of a turn,
-/// with three tenths of its motor's current
+/// No cable may be on the drum. Only this winch moves: slowly, at most three eighths of a turn, with half of its motor's
+/// current. Against its closed brake it pushes with up to nine tenths. Finds friction, play and torsional stiffness;
+/// with `--weight-kg` it asks for a weight on the drum at the end, raises and lowers it, and finds the gear's loss
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Number of the winch, as its cable in the robot file, from 1
@@ -26,6 +27,12 @@ pub(crate) struct Cmd {
     /// Answer in advance: does the drum pay out cable when it is turned?
     #[arg(long, value_name = "yes|no")]
     paid_out: Option<YesNo>,
+    /// Weight to hang on the drum when the bare winch is known, kg: finds the gear's loss in both directions
+    #[arg(long, value_name = "KG", value_parser = super::numbers::positive)]
+    weight_kg: Option<f64>,
+    /// Temperature at the winch, kept with the results, degrees Celsius
+    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    temperature_c: Option<f64>,
     #[command(flatten)]
     machine: Machine,
 }
@@ -41,16 +48,18 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = crate::robot::find(&common.robot)?;
         crate::service::known(&robot, self.winch)?;
+        let asked = Asked {
+            node: self.node,
+            weight_n: self.weight_kg.map(|kg| kg * mcdpr_kinematics::GRAVITY_MPS2),
+        };
         let work = |(mut client, simulated): Connected<'_>| {
             let mut eyes = Eyes::new(self.paid_out, simulated, self.winch);
             eyes.piped = common.for_page.is_some();
-            Ok(commission(
-                &mut client,
-                &robot,
-                self.winch,
-                self.node,
-                &mut eyes,
-            )?)
+            let found = commission(&mut client, &robot, self.winch, &asked, &mut eyes)?;
+            Ok(Commissioned {
+                temperature_c: self.temperature_c,
+                ..found
+            })
         };
         let name = format!("commission-{}", self.winch);
         let (found, folder) = connected(common, &robot, &self.machine, &name, work)?;
@@ -92,6 +101,33 @@ impl Cmd {
                 rubs.play_se_deg
             );
         }
+        if let Some(loss) = &found.loss {
+            say!(
+                "efficiency {:.1} % (standard error {:.1}), driven {:.1} % (standard error {:.1}); the sensor reads {:.2} N of {:.2} N",
+                loss.efficiency * 100.0,
+                loss.efficiency_se * 100.0,
+                loss.backdrive_efficiency * 100.0,
+                loss.backdrive_efficiency_se * 100.0,
+                loss.sensor_n,
+                loss.weight_n
+            );
+        }
+        if let Some(yields) = &found.stiffness {
+            say!(
+                "torsional stiffness {:.0} N m/rad (standard error {:.0}) with an efficiency of {:.0} % ({})",
+                yields.stiffness_nm_per_rad,
+                yields.stiffness_se_nm_per_rad,
+                yields.efficiency * 100.0,
+                if found.loss.is_some() {
+                    "measured"
+                } else {
+                    "the robot file's: `--weight-kg` measures it"
+                }
+            );
+        }
+        if let Some(why) = &found.stiffness_unknown {
+            say!("torsional stiffness is not known, the robot file's value is kept: {why}");
+        }
         for line in &found.differs {
             say!("differs: {line}");
         }
@@ -126,6 +162,23 @@ impl Eyes {
         eyes
     }
 
+    /// The user's answer; none without a terminal or a page.
+    fn ask(&self, question: &str) -> Option<bool> {
+        let mut input = std::io::stdin().lock();
+        if !std::io::stdin().is_terminal() && !self.piped {
+            return None;
+        }
+        eprint!("{question}");
+        std::io::stderr().flush().ok()?;
+        let mut line = String::new();
+        input.read_line(&mut line).ok()?;
+        match line.trim() {
+            "y" | "yes" => Some(true),
+            "n" | "no" => Some(false),
+            _ => None,
+        }
+    }
+
     /// The answer of an observer of the simulated machine.
     fn drum_m(&self) -> Option<f64> {
         let (link, index) = self.simulated.as_ref()?;
@@ -135,6 +188,23 @@ impl Eyes {
 }
 
 impl Operator for Eyes {
+    fn hang(&mut self, weight_n: f64) -> bool {
+        if let Some((link, index)) = &self.simulated {
+            let hung = link.with(|simulation| {
+                simulation
+                    .plant_mut()
+                    .hang_weight(*index, Some(weight_n))
+                    .is_ok()
+            });
+            return hung;
+        }
+        let kg = weight_n / mcdpr_kinematics::GRAVITY_MPS2;
+        self.ask(&format!(
+            "Wind half a turn of cable onto the drum, lead it over its sensor and hang {kg} kg on it, free to rise by an \
+             eighth of a turn. Does it hang? [y/n] "
+        )) == Some(true)
+    }
+
     fn paid_out(&mut self) -> Option<bool> {
         if let Some(given) = self.given {
             return Some(given == YesNo::Yes);
@@ -143,19 +213,7 @@ impl Operator for Eyes {
             // The simulated drum's displacement grows while it pays out.
             return Some(now_m > self.before_m);
         }
-        let mut input = std::io::stdin().lock();
-        if !std::io::stdin().is_terminal() && !self.piped {
-            return None;
-        }
-        eprint!("The drum has just turned. Would that have paid out cable? [y/n] ");
-        std::io::stderr().flush().ok()?;
-        let mut line = String::new();
-        input.read_line(&mut line).ok()?;
-        match line.trim() {
-            "y" | "yes" => Some(true),
-            "n" | "no" => Some(false),
-            _ => None,
-        }
+        self.ask("The drum has just turned. Would that have paid out cable? [y/n] ")
     }
 }
 
@@ -169,7 +227,7 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
         crate::robot::DriveKind::Cia402 => "cia402",
     };
     format!(
-        "# Winch module, found by `mcdpr commission {winch}` on the bare winch.\n\
+        "# Winch module, found by `mcdpr commission {winch}` on the bare winch{at}.\n\
          node = {node}\n\
          encoder_sign = {sign}\n\
          motor_counts_per_turn = {counts}\n\
@@ -195,6 +253,9 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
          drive_bandwidth_rad_s = {bandwidth}\n\
          current_lag_ms = {lag}\n",
         winch = found.winch,
+        at = found
+            .temperature_c
+            .map_or_else(String::new, |c| format!(" at {c} degrees Celsius")),
         node = found.node,
         sign = found.encoder_sign,
         counts = found.motor_counts_per_turn,
@@ -224,17 +285,15 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
 /// The friction lines of the module: on the gear, if the file has one.
 fn friction_text(found: &Commissioned, winch: &Winch) -> String {
     let mut winch = winch.clone();
-    if let Some(rubs) = &found.rubbing {
-        rubs.describe(&mut winch);
-    }
+    found.describe(&mut winch);
     let Some(gear) = &winch.gear else {
         return format!("friction_n = {:.2}", winch.friction_n);
     };
     format!(
         "friction_n = {}\nrotor_friction_mnm = {:.4}\ngear_friction_mnm = {:.4}\n\
          static_friction = {}\nstribeck_rpm = {}\nviscous_mnm_per_krpm = {:.4}\n\
-         gear_efficiency = {}\nbackdrive_efficiency = {}\nplay_deg = {:.3}\n\
-         torsional_stiffness_nm_per_rad = {}\ncogging_mnm = {}\ncogging_per_turn = {}\ncold_friction = {}\n\
+         gear_efficiency = {:.4}\nbackdrive_efficiency = {:.4}\nplay_deg = {:.3}\n\
+         torsional_stiffness_nm_per_rad = {:.1}\ncogging_mnm = {}\ncogging_per_turn = {}\ncold_friction = {}\n\
          drum_eccentricity_mm = {}",
         winch.friction_n,
         gear.rotor_friction_nm * 1e3,

@@ -2,14 +2,14 @@
 //! sensor's reading without load.
 
 use super::ratio::check;
-use super::{Bench, CEILING_N, Purpose, Rubbing, ServiceError, volts};
+use super::{Bench, CEILING_N, Loss, Purpose, Rubbing, ServiceError, Stiffness, volts};
 use crate::link::{Client, Link};
-use crate::robot::{DriveKind, Robot};
+use crate::robot::{DriveKind, Robot, Winch};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// Drum counts by which a resting drum in its closed brake may yield under load.
-const BRAKE_GIVES: i64 = 4;
+pub(super) const BRAKE_GIVES: i64 = 4;
 /// Drum counts by which a drum in its closed brake may turn under load and still be at rest: noise of its last count,
 /// and the stretch of gear and brake.
 const BRAKE_RESTS: i64 = 2;
@@ -26,6 +26,22 @@ const READINGS: u32 = 50;
 pub trait Operator {
     /// Whether the drum has just turned so that it pays out cable; `None` if unknown.
     fn paid_out(&mut self) -> Option<bool>;
+
+    /// Hangs a weight (N) on the drum, which is braked and without torque; whether it hangs.
+    fn hang(&mut self, weight_n: f64) -> bool {
+        let _ = weight_n;
+        false
+    }
+}
+
+/// What is asked for beyond the winch itself.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Asked {
+    /// Number of its drive, if several are possible.
+    pub node: Option<u8>,
+    /// A weight that the operator hangs on the drum when the bare winch is known, N: the gear's loss is then identified,
+    /// too.
+    pub weight_n: Option<f64>,
 }
 
 /// Results.
@@ -51,11 +67,38 @@ pub struct Commissioned {
     pub brake_play_deg: f64,
     /// Friction and play.
     pub rubbing: Option<Rubbing>,
+    /// Torsional stiffness between motor and drum; none without a gear that yields, or if the data do not show it.
+    pub stiffness: Option<Stiffness>,
+    /// Why it is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stiffness_unknown: Option<String>,
+    /// The gear's loss, if a weight was hung on the drum.
+    pub loss: Option<Loss>,
+    /// Temperature at the winch as the user noted it, degrees Celsius.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
     /// Differences from the robot file, in words.
     pub differs: Vec<String>,
 }
 
-/// Commissions one bare winch; `node` selects its drive if several are possible.
+impl Commissioned {
+    /// Puts the results into the description of the winch. Rotor and gear share the friction as they did.
+    pub(crate) fn describe(&self, winch: &mut Winch) {
+        if let (Some(loss), Some(gear)) = (&self.loss, &mut winch.gear) {
+            gear.efficiency = loss.efficiency;
+            gear.backdrive_efficiency = loss.backdrive_efficiency;
+        }
+        if let (Some(found), Some(gear)) = (&self.stiffness, &mut winch.gear) {
+            gear.stiffness_nm_per_rad = found.stiffness_nm_per_rad;
+        }
+        // After the loss, through which the drum's own friction reaches the motor.
+        if let Some(rubs) = &self.rubbing {
+            rubs.describe(winch);
+        }
+    }
+}
+
+/// Commissions one bare winch.
 ///
 /// # Errors
 /// The first failed check; the brake is closed and torque is off then.
@@ -63,31 +106,61 @@ pub fn commission<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
     winch: usize,
-    node: Option<u8>,
+    asked: &Asked,
     operator: &mut impl Operator,
 ) -> Result<Commissioned, ServiceError> {
     let mut bench = Bench::new(client, robot, winch)?;
     let nodes_found = bench.scan()?;
-    bench.node = bench.choose(&nodes_found, node)?;
+    bench.node = bench.choose(&nodes_found, asked.node)?;
     let noise_v = bench.find_zero()?;
     let (held_a, pulled) = bench.push_against_brake(Purpose::Press)?;
     let (_, pushed) = bench.push_against_brake(Purpose::PressOut)?;
     bench.enable(Purpose::Turn)?;
     let turned = bench.turn_and_ask(operator);
-    let rubs = match &turned {
-        Ok((motor, drum, _)) => bench.rubbing(TAU / 16.0, motor * drum > 0).map(Some),
-        Err(_) => Ok(None),
-    };
     let closed = bench.disable();
     let (motor, drum, paid_out) = turned?;
-    let rubbing = rubs?;
     closed?;
+    bench.enable(Purpose::Spin)?;
+    let rubs = bench.rubbing(motor * drum > 0);
+    let closed = bench.disable();
+    let rubs = rubs?;
+    closed?;
+    // By the motor's own counts: the sign in the file has no effect.
+    let out = if paid_out { 1 } else { -1 };
+    let motor_sign = if motor * out > 0 { 1.0 } else { -1.0 };
+    let geared = bench.described().gear.as_ref().map(|gear| gear.efficiency);
+    let wound = match geared {
+        Some(_) => Some(bench.windup(&rubs)?),
+        None => None,
+    };
+    let loss = match asked.weight_n.filter(|_| geared.is_some()) {
+        Some(weight_n) => {
+            bench.check_weight(weight_n, &rubs)?;
+            if !operator.hang(weight_n) {
+                return Err(ServiceError::NoAnswer { winch });
+            }
+            Some(bench.loss(weight_n, &rubs, motor_sign)?)
+        }
+        None => None,
+    };
+    let efficiency = loss.map_or(geared.unwrap_or(1.0), |loss| loss.efficiency);
+    let (stiffness, stiffness_unknown) = match wound {
+        Some(Ok((before, error))) => {
+            let stiffness = Stiffness {
+                stiffness_nm_per_rad: before * efficiency,
+                stiffness_se_nm_per_rad: (error * efficiency)
+                    .hypot(before * loss.map_or(0.0, |loss| loss.efficiency_se)),
+                before_loss_nm_per_rad: before,
+                efficiency,
+            };
+            (Some(stiffness), None)
+        }
+        Some(Err(why)) => (None, Some(why)),
+        None => (None, None),
+    };
     let described = bench.described();
     let per_turn = f64::from(described.encoder_counts_per_turn);
     let brake_play_deg = 360.0 * (pushed - pulled).abs() as f64 / per_turn;
-    let out = if paid_out { 1 } else { -1 };
-    // By the motor's own counts: the sign in the file has no effect.
-    let motor_sign = if motor * out > 0 { 1.0 } else { -1.0 };
     let encoder_sign = if drum * out > 0 { 1 } else { -1 };
     let rho = (motor as f64 / drum as f64).abs();
     let measured = rho * f64::from(described.encoder_counts_per_turn);
@@ -108,77 +181,15 @@ pub fn commission<L: Link>(
         tension_noise_v: noise_v,
         brake_held_a: held_a,
         brake_play_deg,
-        rubbing,
+        rubbing: Some(rubs),
+        stiffness,
+        stiffness_unknown,
+        loss,
+        temperature_c: None,
         differs: Vec::new(),
     };
-    found.differs = differences(&found, described);
+    found.differs = super::differs::differences(&found, described);
     Ok(found)
-}
-
-fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<String> {
-    let mut words = Vec::new();
-    let mut note = |is: bool, name: &str, file: String, here: String| {
-        if is {
-            words.push(format!("{name}: the robot file says {file}, it is {here}"));
-        }
-    };
-    note(
-        found.node != described.node,
-        "node",
-        described.node.to_string(),
-        found.node.to_string(),
-    );
-    note(
-        found.encoder_sign != described.encoder_sign,
-        "encoder_sign",
-        described.encoder_sign.to_string(),
-        found.encoder_sign.to_string(),
-    );
-    note(
-        (found.motor_counts_per_turn - described.motor_counts_per_turn).abs() > 0.5,
-        "motor_counts_per_turn",
-        described.motor_counts_per_turn.to_string(),
-        found.motor_counts_per_turn.to_string(),
-    );
-    note(
-        (found.tension_zero_v - described.tension_zero_v).abs() > 0.002,
-        "tension_zero_v",
-        described.tension_zero_v.to_string(),
-        found.tension_zero_v.to_string(),
-    );
-    let file_deg = (described.brake_play_m / described.drum_radius_m).to_degrees();
-    note(
-        (found.brake_play_deg - file_deg).abs() > brake_play_unsure_deg(described),
-        "brake_play_deg",
-        format!("{file_deg:.2}"),
-        format!("{:.2}", found.brake_play_deg),
-    );
-    let Some(rubs) = &found.rubbing else {
-        return words;
-    };
-    if let Some(friction) = &rubs.friction {
-        let file_n = described.total_friction_n();
-        // With the friction known to a quarter a board reels in and tests brakes correctly.
-        note(
-            (friction.friction_n - file_n).abs() > (0.25 * file_n).max(0.3),
-            "friction at the cable",
-            format!("{file_n:.2} N"),
-            format!("{:.2} N", friction.friction_n),
-        );
-    }
-    let file_deg = (described.play_m() / described.drum_radius_m).to_degrees();
-    note(
-        (rubs.play_deg - file_deg).abs() > 0.1,
-        "play_deg",
-        format!("{file_deg:.2}"),
-        format!("{:.2}", rubs.play_deg),
-    );
-    words
-}
-
-/// Uncertainty of the brake's play: counts by which a closed brake yields by itself.
-fn brake_play_unsure_deg(described: &crate::robot::Winch) -> f64 {
-    360.0 * BRAKE_GIVES as f64 / f64::from(described.encoder_counts_per_turn)
 }
 
 impl<L: Link> Bench<'_, L> {

@@ -5,14 +5,22 @@
 //! heartbeat, stops, limits).
 
 mod commission;
+mod differs;
+mod error;
+mod loss;
 mod ratio;
 mod rubbing;
+mod steady;
+mod windup;
 
-pub use commission::{Commissioned, Operator, commission};
+pub use commission::{Asked, Commissioned, Operator, commission};
+pub use error::ServiceError;
+pub use loss::Loss;
 pub use ratio::{Ratio, measure_ratio};
 pub use rubbing::{Friction, Rubbing};
+pub use windup::Stiffness;
 
-use crate::link::{Client, ClientError, Link};
+use crate::link::{Client, Link};
 use crate::machine::{self, CableRates, OutOfRange};
 use crate::motion::knot;
 use crate::robot::Robot;
@@ -21,8 +29,6 @@ use mcdpr_protocol::{
     BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot,
     MicrometresPerSecond, Millinewtons, PerCable, Reply, Request, TenthMicrometres, Winch,
 };
-use miette::Diagnostic;
-use thiserror::Error;
 
 /// In service a drum's radius is set to 10 mm, so that a "length" of 10 mm is one radian: every limit of length allows
 /// thirty turns, and a set-point's 0.1 um is a fine step for a motor behind a gear.
@@ -31,9 +37,10 @@ const RADIUS_UM: f64 = 10_000.0;
 /// must be far from what [`CURRENT_SHARE`] allows: a geared rotor is heavy (34 kg at the paper's
 /// cable), and at half the speed the drive of most simulated machines saturated (D4).
 const SPEED_SHARE: f64 = 0.25;
-/// Most current of service, as a share of the motor's largest. With a fifth, five of 24 simulated
-/// geared winches saturated in friction (D4); with this, none.
+/// Most current of service against a closed brake, as a share of the motor's largest.
 const CURRENT_SHARE: f64 = 0.3;
+/// The same while the brake is open: with three tenths the drive of `paper-table5` saturated in a gear of 27 N (D4).
+const TURN_SHARE: f64 = 0.5;
 /// Above this tension there must be a cable, N: the board stops.
 const CEILING_N: f64 = 5.0;
 /// Knots of one move; the board's buffer holds 16.
@@ -55,183 +62,8 @@ pub(crate) fn known(robot: &Robot, winch: usize) -> Result<(), ServiceError> {
     Err(ServiceError::NoWinch { winch, count })
 }
 
-/// Why work on a winch failed.
-#[derive(Debug, Error, Diagnostic)]
-pub enum ServiceError {
-    /// The board, a fault, an interrupt.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Run(#[from] RunError),
-    /// The robot has no such winch.
-    #[error("the robot has no winch {winch}: it has 1 to {count}")]
-    #[diagnostic(
-        code(mcdpr::service::winch),
-        help("winches are numbered as the cables of the robot file, from 1")
-    )]
-    NoWinch {
-        /// Asked for.
-        winch: usize,
-        /// There are.
-        count: usize,
-    },
-    /// No drive answers on the bus.
-    #[error("no drive answers on the bus at {bitrate} bit/s")]
-    #[diagnostic(
-        code(mcdpr::service::silent),
-        help(
-            "check the drive's supply, CAN-H and CAN-L (not swapped), 120 ohm at both ends, and `bitrate` in [bus]; docs/wiring.md shows the bus"
-        )
-    )]
-    NoDrive {
-        /// The bus's bit rate.
-        bitrate: u32,
-    },
-    /// Several drives are possible.
-    #[error(
-        "drives {found} answer, and none of them is number {expected}, which the robot file gives winch {winch}"
-    )]
-    #[diagnostic(
-        code(mcdpr::service::ambiguous),
-        help("connect this winch's drive alone, or say which it is with `--node N`")
-    )]
-    Ambiguous {
-        /// The winch.
-        winch: usize,
-        /// The file's number.
-        expected: u8,
-        /// Those that answer and that no other winch claims.
-        found: String,
-    },
-    /// The tension sensor's reading is not that of a bare winch.
-    #[error(
-        "the tension sensor of winch {winch} reads {volts:.3} V, {newtons:.1} N by the robot file: not a bare winch"
-    )]
-    #[diagnostic(
-        code(mcdpr::service::loaded),
-        help(
-            "take the cable off the sensor; a reading near 0 V or 3.3 V is a broken wire or a missing supply of the amplifier (docs/wiring.md)"
-        )
-    )]
-    Loaded {
-        /// The winch.
-        winch: usize,
-        /// Read.
-        volts: f64,
-        /// By the file's gain and zero.
-        newtons: f64,
-    },
-    /// The motor did not turn.
-    #[error("the motor of winch {winch} turned {moved} counts of {asked}")]
-    #[diagnostic(
-        code(mcdpr::service::motor),
-        help(
-            "the brake did not open, or something blocks the drum: listen for the brake's click and check its 24 V driver (docs/wiring.md)"
-        )
-    )]
-    MotorStuck {
-        /// The winch.
-        winch: usize,
-        /// Counts that it turned.
-        moved: i64,
-        /// Counts that it should have turned.
-        asked: i64,
-    },
-    /// The drum encoder did not count.
-    #[error(
-        "the drum encoder of winch {winch} counted {counted} while its motor turned {motor} counts"
-    )]
-    #[diagnostic(
-        code(mcdpr::service::encoder),
-        help(
-            "check the encoder's 5 V, its A and B wires and the coupling to the drum (docs/wiring.md); nothing was written"
-        )
-    )]
-    EncoderStuck {
-        /// The winch.
-        winch: usize,
-        /// Drum encoder counts.
-        counted: i64,
-        /// Motor counts.
-        motor: i64,
-    },
-    /// The brake slipped.
-    #[error(
-        "the closed brake of winch {winch} let the drum turn by {counted} encoder counts at {current_a:.2} A"
-    )]
-    #[diagnostic(
-        code(mcdpr::service::brake),
-        help(
-            "a brake must hold without current: check that its coil is wired to open it, its spring, and its air gap"
-        )
-    )]
-    BrakeSlips {
-        /// The winch.
-        winch: usize,
-        /// Drum encoder counts.
-        counted: i64,
-        /// Current at which it did, A.
-        current_a: f64,
-    },
-    /// The drive gave no current against the brake, so that the brake is not tested.
-    #[error(
-        "the drive of winch {winch} gave {current_a:.3} A of {asked_a:.3} A against the closed brake"
-    )]
-    #[diagnostic(
-        code(mcdpr::service::current),
-        help("check the motor's three phases and the drive's supply")
-    )]
-    NoCurrent {
-        /// The winch.
-        winch: usize,
-        /// Measured, A.
-        current_a: f64,
-        /// Asked for, A.
-        asked_a: f64,
-    },
-    /// The measurements are inconsistent with a friction.
-    #[error(
-        "the friction of winch {winch} is {friction_mnm:.3} mN m at the motor, give or take {error_mnm:.3}: the currents of both directions contradict each other"
-    )]
-    #[diagnostic(
-        code(mcdpr::service::friction),
-        help(
-            "something catches on the drum, or its feedback of current is dead: turn it by hand, without a cable, and commission it again"
-        )
-    )]
-    Rubs {
-        /// The winch.
-        winch: usize,
-        /// Friction, mN m.
-        friction_mnm: f64,
-        /// Its standard error, mN m.
-        error_mnm: f64,
-    },
-    /// The operator did not answer.
-    #[error("no answer was given about the direction of the drum of winch {winch}")]
-    #[diagnostic(
-        code(mcdpr::service::nobody),
-        help("watch the drum and answer, or run again with `--paid-out yes` or `--paid-out no`")
-    )]
-    NoAnswer {
-        /// The winch.
-        winch: usize,
-    },
-}
-
-impl From<ClientError> for ServiceError {
-    fn from(error: ClientError) -> Self {
-        Self::Run(error.into())
-    }
-}
-
-impl From<OutOfRange> for ServiceError {
-    fn from(error: OutOfRange) -> Self {
-        Self::Run(error.into())
-    }
-}
-
 /// Use of the winch on the board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 enum Purpose {
     /// Turn it by positions, brake open.
     Turn,
@@ -239,6 +71,35 @@ enum Purpose {
     Press,
     /// The same the other way round, as by a motor with the opposite sign.
     PressOut,
+    /// Turn it by speeds, brake open: the drive's own loop of speed follows a constant command, without the steps of a
+    /// position's set-points.
+    Spin,
+    /// Wind its gear up against its closed brake, with a current that grows to this, A; pulling, or pushing out.
+    Wind { most_a: f64, out: bool },
+    /// As `Spin`, with this weight on the drum (N); `friction_n` is the winch's own at the cable, N, and `pays_out` the
+    /// sign of motor counts that pays out.
+    Lift {
+        weight_n: f64,
+        friction_n: f64,
+        pays_out: f64,
+    },
+}
+
+impl Purpose {
+    /// Whether the brake opens.
+    fn opens(self) -> bool {
+        matches!(self, Self::Turn | Self::Spin | Self::Lift { .. })
+    }
+
+    /// Whether the drive is commanded by speed.
+    fn by_speed(self) -> bool {
+        matches!(self, Self::Spin | Self::Lift { .. })
+    }
+}
+
+/// Tension above which the board stops while a weight hangs on a drum, N: the weight swings, and falls through the play.
+fn lift_ceiling_n(weight_n: f64) -> f64 {
+    1.5 * weight_n + CEILING_N
 }
 
 /// One winch of a connected board.
@@ -299,28 +160,88 @@ impl<'a, L: Link> Bench<'a, L> {
         let winch = self.described();
         let rad_per_s = winch.max_motor_rpm / winch.gear_ratio * std::f64::consts::TAU / 60.0;
         // The board's own proof of a brake is within the current of service.
-        let force_per_a = LEAST_PUSH_N / (PROOF_SHARE * self.current_a());
+        let counts_per_turn = match purpose {
+            Purpose::Wind { out: true, .. } => -winch.motor_counts_per_turn,
+            Purpose::Lift { pays_out, .. } => pays_out * winch.motor_counts_per_turn.abs(),
+            _ => winch.motor_counts_per_turn,
+        };
+        let ceiling_n = match purpose {
+            Purpose::Lift { weight_n, .. } => lift_ceiling_n(weight_n),
+            _ => CEILING_N,
+        };
+        let ceiling_n = ceiling_n.min(winch.trusted_tension_n());
+        let (most_a, force_per_a) = match purpose {
+            Purpose::Lift { pays_out, .. } => (
+                loss::LIFT_SHARE * winch.max_current_a,
+                -pays_out * winch.force_per_current_n_per_a(),
+            ),
+            // The integral of the law grows up to the ceiling.
+            // A force that reels in lets counts fall that rise with the length: the law damps such a motor, and the
+            // proof of the brake, which pushes out, waits for its current. With the other sign it waits in vain, and the
+            // drive pushes with all it has.
+            Purpose::Wind { most_a, .. } => (
+                most_a,
+                -counts_per_turn.signum() * (windup::BEGINS_N + ceiling_n) / most_a,
+            ),
+            Purpose::Turn | Purpose::Spin => (
+                winch.max_current_a * TURN_SHARE,
+                -counts_per_turn.signum() * LEAST_PUSH_N / (PROOF_SHARE * self.current_a()),
+            ),
+            _ => {
+                let per_a = LEAST_PUSH_N / (PROOF_SHARE * self.current_a());
+                let out = purpose == Purpose::PressOut;
+                (self.current_a(), if out { -per_a } else { per_a })
+            }
+        };
         let mut entries = machine::configuration(self.robot)?;
         let changed = |key: CableKey| {
             let value = match key {
                 CableKey::Control => f64::from(u8::from(purpose != Purpose::Turn)),
                 CableKey::DrumRadius => RADIUS_UM * 10.0,
-                CableKey::MaxCurrentMa => self.current_a() * 1e3,
-                CableKey::ForcePerCurrent if purpose == Purpose::PressOut => -force_per_a * 1e3,
+                CableKey::MaxCurrentMa => most_a * 1e3,
+                CableKey::MotorCountsPerTurn => counts_per_turn,
                 CableKey::ForcePerCurrent => force_per_a * 1e3,
                 // The robot file's value is in N at the cable; in service forces have another scale, and the friction
                 // is what is searched for.
-                CableKey::Friction => 0.0,
+                CableKey::Friction => match purpose {
+                    Purpose::Lift { friction_n, .. } => friction_n * 1e3,
+                    // After the push of its proof a drive that is commanded by speed turns back until its current
+                    // exceeds load and friction: with none of both it would wind the gear up.
+                    Purpose::Spin => SPIN_FRICTION_N * 1e3,
+                    _ => 0.0,
+                },
                 CableKey::TensionZeroUv => self.zero_v * 1e6,
                 CableKey::TensionMax => winch.tension_max_n * 1e3,
-                CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
-                CableKey::TensionCeiling => CEILING_N.min(winch.trusted_tension_n()) * 1e3,
-                CableKey::TensionLaw | CableKey::TensionOutput | CableKey::Play => 0.0,
+                CableKey::TensionFloor | CableKey::TensionKd => 0.0,
+                CableKey::TensionKi => match purpose {
+                    // N/s per N of the error, which is the set-point.
+                    Purpose::Wind { .. } => ceiling_n / windup::GROWS_S / windup::BEGINS_N * 1e3,
+                    _ => 0.0,
+                },
+                CableKey::TensionDamping => match purpose {
+                    // A free rotor's inertia over this time, by the board's units of force and length.
+                    Purpose::Wind { .. } => {
+                        let torque_nms = winch.rotor_inertia_kg_m2 / windup::DAMPED_S;
+                        let force_per_nm = force_per_a.abs() / winch.torque_constant_nm_per_a;
+                        torque_nms * force_per_nm * winch.gear_ratio / (RADIUS_UM * 1e-6) * 1e3
+                    }
+                    _ => return None,
+                },
+                CableKey::TensionCeiling => ceiling_n * 1e3,
+                // The default law with a speed as its output and without gains commands the planned speed alone.
+                CableKey::TensionLaw => f64::from(u8::from(
+                    purpose.by_speed() || matches!(purpose, Purpose::Wind { .. }),
+                )),
+                CableKey::TensionOutput => f64::from(u8::from(purpose.by_speed())),
+                CableKey::Play => 0.0,
                 // This is the unknown.
                 CableKey::BrakePlay => {
                     commission::MOST_BRAKE_PLAY_DEG.to_radians() * RADIUS_UM * 10.0
                 }
-                CableKey::TensionKp => 100e3,
+                CableKey::TensionKp => match purpose {
+                    Purpose::Press | Purpose::PressOut => 100e3,
+                    _ => 0.0,
+                },
                 CableKey::LeadUs => 0.0,
                 CableKey::FollowingError => 1e6,
                 // Its encoder may count far more than the file says.
@@ -372,14 +293,16 @@ impl<'a, L: Link> Bench<'a, L> {
         let config_hash = self.configure(purpose)?;
         let count = self.robot.cables.len();
         let pull = Millinewtons(match purpose {
-            Purpose::Turn => 0,
+            Purpose::Turn | Purpose::Spin | Purpose::Lift { .. } => 0,
             Purpose::Press | Purpose::PressOut => 10_000,
+            #[expect(clippy::cast_possible_truncation, reason = "a newton at most")]
+            Purpose::Wind { .. } => (windup::BEGINS_N * 1e3) as i32,
         });
         self.client.request(Request::Reference {
             lengths: PerCable::collect((0..count).map(|_| TenthMicrometres(0))),
             tensions: PerCable::collect((0..count).map(|_| pull)),
         })?;
-        let open = purpose == Purpose::Turn;
+        let open = purpose.opens();
         let cable = self.number();
         self.client.request(Request::Service {
             config_hash,
@@ -469,6 +392,10 @@ impl<'a, L: Link> Bench<'a, L> {
         let spacing_ms =
             (((time_s * 1e3).ceil() / f64::from(KNOTS)) as u32 + 1).clamp(SPACING_MS, 4000);
         let time_s = f64::from(spacing_ms * KNOTS) * 1e-3;
+        // A fault explains more than the refusal of a request in its state.
+        if let Some(record) = status(self.client)?.fault {
+            return Err(RunError::Fault { record }.into());
+        }
         // Knots of an earlier turn must not stay in the buffer.
         self.client.request(Request::Discard)?;
         for number in 0..=KNOTS {
@@ -499,6 +426,8 @@ impl<'a, L: Link> Bench<'a, L> {
 
 /// Least push of the board's proof of a brake without a load, N (`firmware/src/proof.rs`).
 const LEAST_PUSH_N: f64 = 1.125;
+/// Friction in the board's units of service that a drive commanded by speed is told, N: a tenth of an ampere of 1 A.
+const SPIN_FRICTION_N: f64 = 0.5;
 /// Share of the current of service that this push shall be.
 const PROOF_SHARE: f64 = 0.5;
 /// Time in which a board has proved its brakes and switched torque off, s: stop, closing time and proof take 2.5 s with

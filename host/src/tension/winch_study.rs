@@ -1,19 +1,20 @@
 //! The tension loop on typical winches: machines drawn over the whole range of friction, gear
 //! efficiency and play of geared winches. `mcdpr study winch` prints it, docs/tension.md quotes it.
 //!
-//! The controller knows the robot file, and what `commission` found on each bare winch: friction and play. Gear
-//! efficiency, stiffness, mass, anchors and the rest of the machine's errors are unknown to it.
+//! The controller knows the robot file, and what `commission` found on each winch: friction, play, loss and stiffness.
+//! Mass, anchors and the rest of the machine's errors are unknown to it.
+
+mod identified;
+
+pub use identified::Identified;
+pub(crate) use identified::{commissioned, described};
 
 use super::bench::{Bench, Change, Script};
 use super::measure::{at_rest, recovery};
-use crate::link::{Client, SimulatedLink};
-use crate::machine::{Controller, Mismatch, plant_params, simulate_unloaded};
+use crate::machine::Mismatch;
 use crate::motion::{Planner, Shaping, Task};
 use crate::robot::{LawKind, Robot, TensionOutput};
-use crate::service::{Operator, Rubbing, commission};
 use crate::study::motion::{Case, Job, Known, Outcome, run_as};
-use mcdpr_protocol::SessionId;
-use mcdpr_simulator::LinkOptions;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
@@ -78,19 +79,10 @@ pub struct Drawn {
     pub play_deg: f64,
     /// What `commission` found, winch by winch; empty if it failed.
     pub found: Vec<Identified>,
+    /// Why `commission` failed, if so.
+    pub refused: Vec<String>,
     /// One per contender: its figures, and the faults that ended some runs.
     pub runs: Vec<Ran>,
-}
-
-/// Errors of the identification of one bare winch.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Identified {
-    /// Friction at the motor, found less true, as a share of the true one; `None` if it is not known.
-    pub friction_error: Option<f64>,
-    /// Play, found less true, degrees.
-    pub play_error_deg: f64,
-    /// Motor counts per drum turn, found less those of the robot file, which are the true ones, as a share.
-    pub ratio_error: f64,
 }
 
 /// Results of one contender on one machine.
@@ -156,10 +148,13 @@ pub(crate) fn contenders(robot: &Robot) -> Vec<Contender> {
 /// Gains of Eq. 1 with a speed as its output, mm/s per N and mm/N: see docs/paper-notes.md.
 const PD_SPEED: [f64; 2] = [5.0, 0.0];
 
-/// Draws machines, commissions their winches, and runs every contender on each.
+/// Draws machines, commissions their winches, and, unless only that is wanted, runs every contender on each.
 #[must_use]
-pub fn study(robot: &Robot, seeds: std::ops::Range<u64>) -> Vec<Drawn> {
-    let contenders = contenders(robot);
+pub fn study(robot: &Robot, seeds: std::ops::Range<u64>, commission_only: bool) -> Vec<Drawn> {
+    let mut contenders = contenders(robot);
+    if commission_only {
+        contenders.clear();
+    }
     let seeds: Vec<u64> = seeds.collect();
     seeds
         .into_par_iter()
@@ -170,6 +165,7 @@ pub fn study(robot: &Robot, seeds: std::ops::Range<u64>) -> Vec<Drawn> {
                 failed.push(format!("commission: {error}"));
                 Vec::new()
             });
+            let refused = failed.clone();
             let runs = contenders.iter().enumerate().map(|(index, contender)| {
                 let told = described(&contender.robot, &found);
                 let mut run = ran(&told, &built, seed);
@@ -187,93 +183,11 @@ pub fn study(robot: &Robot, seeds: std::ops::Range<u64>) -> Vec<Drawn> {
                 efficiency,
                 play_deg,
                 found,
+                refused,
                 runs,
             }
         })
         .collect()
-}
-
-/// Whoever watches a simulated drum while it is commissioned.
-struct Watcher {
-    link: SimulatedLink,
-    winch: usize,
-    before_m: f64,
-}
-
-impl Watcher {
-    fn drum_m(&self) -> Option<f64> {
-        let truth = self.link.with(|simulation| simulation.plant().truth());
-        truth.ok()?.drum_positions_m.get(self.winch).copied()
-    }
-}
-
-impl Operator for Watcher {
-    fn paid_out(&mut self) -> Option<bool> {
-        Some(self.drum_m()? > self.before_m)
-    }
-}
-
-/// What `commission` finds on every winch of a machine by the robot file alone, and how wrong that is.
-///
-/// # Errors
-/// In words, with the winch's number.
-pub(crate) fn commissioned(
-    robot: &Robot,
-    built: &Robot,
-    seed: u64,
-) -> Result<Vec<(Rubbing, Identified)>, String> {
-    let mismatch = Mismatch::realistic();
-    let truth = plant_params(built, &mismatch, seed).winches;
-    let mut all = Vec::new();
-    for (index, real) in truth.iter().enumerate() {
-        let words = |error: &dyn std::fmt::Display| format!("winch {}: {error}", index + 1);
-        let (options, core) = (LinkOptions::default(), Controller::InProcess);
-        let simulation = simulate_unloaded(built, &mismatch, &options, seed, &core);
-        let link = SimulatedLink::new(simulation.map_err(|error| words(&error))?);
-        let mut eyes = Watcher {
-            link: link.clone(),
-            winch: index,
-            before_m: 0.0,
-        };
-        eyes.before_m = eyes.drum_m().unwrap_or(0.0);
-        let client = Client::connect(link, SessionId(1));
-        let mut client = client.map_err(|error| words(&error))?;
-        let found = commission(&mut client, robot, index + 1, None, &mut eyes);
-        let found = found.map_err(|error| words(&error))?;
-        let rubs = found
-            .rubbing
-            .clone()
-            .ok_or_else(|| words(&"no friction found"))?;
-        let Some(gear) = &real.gear else { continue };
-        // Of the motor and, through the gear, of the drum.
-        let drum_nm = real.friction_n * real.drum_radius_m / real.gear_ratio;
-        let true_nm =
-            gear.rotor_friction_nm + gear.gear_friction_nm + drum_nm / gear.efficiency_driving;
-        let friction = rubs.friction.as_ref();
-        let counts = robot
-            .winch_of(index)
-            .map_or(f64::NAN, |winch| winch.motor_counts_per_turn.abs());
-        let errors = Identified {
-            friction_error: friction.map(|friction| friction.friction_nm / true_nm - 1.0),
-            play_error_deg: rubs.play_deg - gear.play_rad.to_degrees(),
-            ratio_error: found.motor_counts_per_turn.abs() / counts - 1.0,
-        };
-        all.push((rubs, errors));
-    }
-    Ok(all)
-}
-
-/// The robot file with what was found on its winches.
-#[must_use]
-pub fn described(robot: &Robot, found: &[(Rubbing, Identified)]) -> Robot {
-    let mut told = robot.clone();
-    for (index, (rubs, _)) in found.iter().enumerate() {
-        let winch = told.cables.get(index).map(|cable| cable.winch_index);
-        if let Some(winch) = winch.and_then(|at| told.winches.get_mut(at)) {
-            rubs.describe(winch);
-        }
-    }
-    told
 }
 
 /// Circle and line of the tool on a machine with every realistic error.

@@ -5,6 +5,7 @@ use super::bus::Feedback;
 use super::cable::Tension;
 use super::drive::DriveCommand;
 use super::error::PlantError;
+use super::lift::Lift;
 use super::settle::Load;
 
 impl Plant {
@@ -204,12 +205,14 @@ impl Plant {
     /// Takes a cable off the platform and hangs a weight on it, at rest over its pulley, its drum
     /// braked: the tension sensor measures `weight_n` plus or minus the pulley's friction,
     /// depending on whether the weight before was lighter or heavier. `None` restores the robot's
-    /// cable. The platform does not change: it should be on a stand meanwhile.
+    /// cable. The platform does not change: it should be on a stand meanwhile. Without cables on the
+    /// robot the weight also pulls at the drum, braked or not.
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] unless 0 to 1000 N.
     pub fn hang_weight(&mut self, cable: usize, weight_n: Option<f64>) -> Result<(), PlantError> {
         self.known(cable)?;
+        self.lifts[cable] = None;
         let Some(weight) = weight_n else {
             self.hung_n[cable] = None;
             return Ok(());
@@ -223,6 +226,12 @@ impl Plant {
             });
         }
         let loss = self.params.cables[cable].pulley_loss;
+        if !self.params.cables_attached {
+            self.lifts[cable] = Some(Lift {
+                weight_n: weight,
+                loss,
+            });
+        }
         // A weight that is added sinks a little, against the friction; one that is taken rises.
         let sinks = self.hung_n[cable].is_none_or(|before| weight >= before);
         self.hung_n[cable] = Some(weight * if sinks { 1.0 - loss } else { 1.0 + loss });

@@ -34,6 +34,7 @@ mod foreign;
 mod gear;
 mod hook;
 mod inputs;
+mod lift;
 mod open;
 mod params;
 mod placing;
@@ -97,6 +98,8 @@ pub struct Plant {
     hook: Option<hook::Hook>,
     outside: Option<foreign::Outside>,
     hung_n: [Option<f64>; MAX_CABLES],
+    /// Weights that hang on drums without a robot.
+    lifts: [Option<lift::Lift>; MAX_CABLES],
     e_stop: bool,
     gripper_closed: bool,
     gripper_switch: bool,
@@ -157,6 +160,7 @@ impl Plant {
             hook: None,
             outside: None,
             hung_n: [None; MAX_CABLES],
+            lifts: [None; MAX_CABLES],
             e_stop: false,
             gripper_closed: false,
             gripper_switch: false,
@@ -352,7 +356,11 @@ impl Plant {
         if !self.params.cables_attached {
             for (i, winch) in self.winches.iter_mut().enumerate() {
                 winch.drift(half);
-                winch.kick(0.0, now_s, h, &self.faults.cables[i].brake);
+                let pull_n = self.lifts[i].map_or(0.0, |lift| lift.pull_n(winch.drum_rate));
+                if pull_n > 0.0 {
+                    self.hung_n[i] = Some(pull_n);
+                }
+                winch.kick(pull_n, now_s, h, &self.faults.cables[i].brake);
                 winch.drift(half);
             }
             self.steps += 1;

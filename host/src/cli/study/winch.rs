@@ -3,7 +3,7 @@
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Outcome, print_json, write_out};
 use crate::tension::winch_study::{
-    Drawn, FIGURES, FRICTION_N, OF_TENSION, contenders, median_and_p95, spread, study,
+    Drawn, FIGURES, FRICTION_N, Identified, OF_TENSION, contenders, median_and_p95, spread, study,
 };
 
 /// The tension loop on machines drawn over the typical range of friction, gear efficiency and play:
@@ -17,6 +17,10 @@ pub(crate) struct Cmd {
     /// Seed of the first machine
     #[arg(long, default_value_t = 1)]
     seed: u64,
+
+    /// Only what `commission` finds: no tension loop, no path
+    #[arg(long)]
+    commission_only: bool,
 }
 
 /// Limits of the groups by friction, N.
@@ -26,7 +30,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = crate::robot::find(&common.robot)?;
         let seeds = self.seed..self.seed.saturating_add(self.seeds);
-        let drawn = study(&robot, seeds.clone());
+        let drawn = study(&robot, seeds.clone(), self.commission_only);
         let last = seeds.end.saturating_sub(1);
         if common.json {
             return print_json(&serde_json::json!({
@@ -37,6 +41,22 @@ impl Cmd {
                 "contenders": contenders(&robot).iter().map(|c| c.name).collect::<Vec<_>>(),
                 "machines": drawn,
             }));
+        }
+        if self.commission_only {
+            identified(&drawn);
+            for machine in &drawn {
+                for why in &machine.refused {
+                    say!(
+                        "seed {}: {:.1} N, {:.0} %, {:.2} degrees, {why}",
+                        machine.seed,
+                        machine.friction_n,
+                        machine.efficiency * 100.0,
+                        machine.play_deg
+                    );
+                }
+            }
+            say!("robot {}, seeds {} to {last}", robot.name, self.seed);
+            return Ok(());
         }
         let all = [0.0, f64::INFINITY];
         let names: Vec<_> = contenders(&robot).iter().map(|c| c.name).collect();
@@ -94,41 +114,93 @@ impl Cmd {
 
 /// How well `commission` identified the winches.
 fn identified(drawn: &[Drawn]) {
-    let winches: Vec<_> = drawn.iter().flat_map(|machine| &machine.found).collect();
-    let friction = winches.iter().filter_map(|found| found.friction_error);
-    let friction: Vec<f64> = friction.map(|share| share.abs() * 100.0).collect();
-    let known = friction.len();
-    if let Some((median, p95, _)) = median_and_p95(friction) {
-        say!(
-            "commission: friction known on {known} of {} winches, off by {median:.1} % (median), {p95:.1} % (95 %)",
-            winches.len()
-        );
-    }
-    for [low, high] in BINS_N {
-        let within = |machine: &&Drawn| (low..high).contains(&machine.friction_n);
-        let of = drawn
-            .iter()
-            .filter(within)
-            .flat_map(|machine| &machine.found);
-        let friction = of.filter_map(|found| found.friction_error);
-        let friction: Vec<f64> = friction.map(|share| share.abs() * 100.0).collect();
-        if let Some((median, p95, count)) = median_and_p95(friction) {
-            say!(
-                "commission: friction of {low:.0} to {:.0} N on {count} winches off by {median:.1} % (median), {p95:.1} % (95 %)",
-                high.min(FRICTION_N[1])
-            );
+    let within = |[low, high]: [f64; 2]| {
+        let of = move |machine: &&Drawn| (low..high).contains(&machine.friction_n);
+        let of = drawn.iter().filter(of);
+        of.flat_map(|machine| &machine.found).collect::<Vec<_>>()
+    };
+    let all = [0.0, f64::INFINITY];
+    let names = |[low, high]: [f64; 2]| {
+        if high.is_finite() {
+            format!("{low:.0} to {:.0} N", high.min(FRICTION_N[1]))
+        } else {
+            "all".to_owned()
         }
+    };
+    let mut bins = BINS_N.to_vec();
+    bins.push(all);
+    let mut head = vec!["commission, off by: median / p95 (known)".to_owned()];
+    head.extend(bins.iter().map(|bin| names(*bin)));
+    let mut rows = vec![head];
+    for (name, digits, of) in ERRORS {
+        let mut cells = vec![name.to_owned()];
+        cells.extend(bins.iter().map(|bin| {
+            let found = within(*bin);
+            let errors = found.iter().filter_map(|found| of(found)).map(f64::abs);
+            match median_and_p95(errors.collect()) {
+                Some((median, p95, known)) => {
+                    format!(
+                        "{median:.digits$} / {p95:.digits$} ({known} of {})",
+                        found.len()
+                    )
+                }
+                None => "-".to_owned(),
+            }
+        }));
+        rows.push(cells);
     }
-    let ratio = winches.iter().map(|found| found.ratio_error.abs() * 100.0);
-    if let Some((median, p95, count)) = median_and_p95(ratio.collect()) {
+    write_out(&lay_out(&rows));
+    let winches = within(all);
+    for (name, error, stated) in STATED {
+        let both = winches
+            .iter()
+            .filter_map(|found| error(found).zip(stated(found)));
+        let both: Vec<_> = both.collect();
+        let count = |times: f64| {
+            let good = both.iter().filter(|(error, se)| error.abs() <= times * se);
+            good.count()
+        };
         say!(
-            "commission: motor counts per turn of {count} winches off by {median:.3} % (median), {p95:.3} % (95 %)"
-        );
-    }
-    let play = winches.iter().map(|found| found.play_error_deg.abs());
-    if let Some((median, p95, count)) = median_and_p95(play.collect()) {
-        say!(
-            "commission: play of {count} winches off by {median:.3} degrees (median), {p95:.3} (95 %)"
+            "{name}: {} of {} within one standard error, {} within two, {} within three",
+            count(1.0),
+            both.len(),
+            count(2.0),
+            count(3.0)
         );
     }
 }
+
+/// A value of one winch.
+type Of = fn(&Identified) -> Option<f64>;
+
+/// The errors that are listed, with digits.
+const ERRORS: [(&str, usize, Of); 6] = [
+    ("friction, %", 1, |found| {
+        Some(found.friction_error? * 100.0)
+    }),
+    ("play, degrees", 3, |found| Some(found.play_error_deg)),
+    ("efficiency, points", 1, |found| {
+        Some(found.efficiency_error? * 100.0)
+    }),
+    ("efficiency driven, points", 1, |found| {
+        Some(found.backdrive_error? * 100.0)
+    }),
+    ("stiffness, %", 1, |found| {
+        Some(found.stiffness_error? * 100.0)
+    }),
+    ("motor counts per turn, %", 3, |found| {
+        Some(found.ratio_error * 100.0)
+    }),
+];
+
+/// Errors and their stated standard errors.
+const STATED: [(&str, Of, Of); 4] = [
+    ("friction", |f| f.friction_error, |f| f.friction_se),
+    ("efficiency", |f| f.efficiency_error, |f| f.efficiency_se),
+    (
+        "efficiency driven",
+        |f| f.backdrive_error,
+        |f| f.backdrive_se,
+    ),
+    ("stiffness", |f| f.stiffness_error, |f| f.stiffness_se),
+];

@@ -134,7 +134,7 @@ pub(super) const STEPS: &[Step] = &[
         tab: "setup",
         title: "Commission a winch",
         purpose: "Brings up one bare winch: finds its drive, directions, brake and sensor zero; writes its module file.",
-        moves: "This winch turns, slowly, at most three eighths of a turn. No cable may be on its drum.",
+        moves: "This winch turns, slowly, at most three eighths of a turn, and pushes against its brake. No cable may be on its drum; a weight is asked for at the end.",
         words: &["commission"],
         options: &[
             opt("winch", "Winch", Number(1.0, MOST_CABLES, true, Word), "1"),
@@ -149,6 +149,18 @@ pub(super) const STEPS: &[Step] = &[
                 "Module file to write",
                 File("toml"),
                 "winch-module.toml",
+            ),
+            opt(
+                "weight-kg",
+                "Weight to hang on the drum at the end, for the gear's loss, kg",
+                Number(0.0, 100.0, false, Named),
+                "",
+            ),
+            opt(
+                "temperature-c",
+                "Temperature at the winch, degrees Celsius",
+                Number(-40.0, 100.0, false, Named),
+                "",
             ),
         ],
         live: true,
