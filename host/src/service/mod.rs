@@ -394,7 +394,7 @@ impl<'a, L: Link> Bench<'a, L> {
         let time_s = f64::from(spacing_ms * KNOTS) * 1e-3;
         // A fault explains more than the refusal of a request in its state.
         if let Some(record) = status(self.client)?.fault {
-            return Err(RunError::Fault { record }.into());
+            return Err(RunError::Fault { record, why: None }.into());
         }
         // Knots of an earlier turn must not stay in the buffer.
         self.client.request(Request::Discard)?;

@@ -127,7 +127,7 @@ impl<L: Link> Bench<'_, L> {
         while self.client.now_us() < give_up {
             self.pause(LOOK_MS)?;
             if let Some(record) = crate::run::status(self.client)?.fault {
-                return Err(crate::run::RunError::Fault { record }.into());
+                return Err(crate::run::RunError::Fault { record, why: None }.into());
             }
             let look = self.look()?;
             let current_a = f64::from(look.current_ma) * 1e-3;
