@@ -72,6 +72,10 @@ fn a_bad_brake_behind_a_gear_is_named_within_its_bound_and_a_lost_supply_by_its_
     let brake = outcome(&model, 158, FaultId::B2);
     assert_eq!(brake.latched.unwrap().fault, FaultId::B2);
     assert!(brake.latched_after_ms.unwrap() <= 1500, "{brake:?}");
+    // Found at arming, on a cable that is held by tension: the push against the bad brake ends, and its drum stays.
+    let armed = outcome(&model, 944, FaultId::B2);
+    assert_eq!(armed.latched.unwrap().fault, FaultId::B2);
+    assert!(armed.slack_ms == 0 && armed.deviation_m < 2e-3, "{armed:?}");
     for seed in [80, 360] {
         let supply = outcome(&model, seed, FaultId::P2);
         let record = supply.latched.unwrap();

@@ -44,6 +44,7 @@ impl<const N: usize> Controller<N> {
                 // No brake has opened yet: torque stays on, and the other brakes stay closed.
                 (Verdict::Slips(turned), cable) => {
                     self.unsound = cable;
+                    self.forget_proofs();
                     return self.trip(FaultId::B2, cable, turned / 10, 0);
                 }
             },
@@ -106,6 +107,14 @@ impl<const N: usize> Controller<N> {
             }
         }
         all
+    }
+
+    /// Ends every push: the drives pull their drums back to where they were. A push that went on would pay out.
+    #[inline(never)]
+    fn forget_proofs(&mut self) {
+        for cable in &mut self.cables {
+            cable.proof = Proof::default();
+        }
     }
 
     fn oscillate(&mut self, index: usize) {
@@ -222,9 +231,7 @@ impl<const N: usize> Controller<N> {
         }
         // The proofs of arming are over: each brake is tested anew at its present place.
         if ticks == held {
-            for cable in &mut self.cables {
-                cable.proof = Proof::default();
-            }
+            self.forget_proofs();
         }
         let (verdict, cable) = self.prove(inputs);
         // Ticks since the first slip; none before it.
@@ -233,10 +240,7 @@ impl<const N: usize> Controller<N> {
             Verdict::Slips(turned) => {
                 self.slips = self.slips.max(1);
                 self.limits.insert(Limit::BrakeSlips);
-                // Without a push the drive pulls the drum back to its earlier position.
-                for cable in &mut self.cables {
-                    cable.proof = Proof::default();
-                }
+                self.forget_proofs();
                 // Only the waiting time is repeated, not the brakes' whole closing time.
                 self.closing = Some(held - RETRY_MS);
                 // A brake that failed since arming gets no further attempts: the drum moves at each.
