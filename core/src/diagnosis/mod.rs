@@ -40,8 +40,7 @@ impl fmt::Display for Diagnosis {
 ///
 /// `rows` are in order of time and reach from before the fault to some time after the robot has come to rest; what they
 /// do not cover stays undecided.
-#[must_use]
-pub fn diagnose(model: &Model, record: &FaultRecord, rows: &[Row]) -> Option<Diagnosis> {
+pub(crate) fn diagnose(model: &Model, record: &FaultRecord, rows: &[Row]) -> Option<Diagnosis> {
     let window = Window::new(model.robot(), record, rows)?;
     let found = match record.fault {
         FaultId::S2 | FaultId::S4 | FaultId::S6 | FaultId::D2 | FaultId::D4 | FaultId::D7 => {
