@@ -68,10 +68,10 @@ fn a_latched_fault_that_is_the_cause_gets_no_other() {
 #[test]
 fn a_bad_brake_behind_a_gear_is_named_within_its_bound_and_a_lost_supply_by_its_name() {
     let model = model();
-    // B2's bound: 1500 ticks.
+    // 1.5 s after its first slip, and the attempt under way.
     let brake = outcome(&model, 158, FaultId::B2);
     assert_eq!(brake.latched.unwrap().fault, FaultId::B2);
-    assert!(brake.latched_after_ms.unwrap() <= 1500, "{brake:?}");
+    assert!(brake.latched_after_ms.unwrap() <= 2500, "{brake:?}");
     // Found at arming, on a cable that is held by tension: the push against the bad brake ends, and its drum stays.
     let armed = outcome(&model, 944, FaultId::B2);
     assert_eq!(armed.latched.unwrap().fault, FaultId::B2);

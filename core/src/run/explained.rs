@@ -9,7 +9,7 @@ use mcdpr_protocol::{BoardState, FaultRecord};
 /// Time after a stop in which a platform finds its new rest, µs.
 const SETTLES_US: u64 = 1_000_000;
 /// The longest stop: its path, the brakes and their test, µs.
-const STOPS_US: u64 = 4_000_000;
+const STOPS_US: u64 = 5_000_000;
 
 /// Adds to a fault what the samples around it show; other errors stay as they are. The board is kept fed until the robot
 /// rests, and a second longer. An order to stop that comes meanwhile ends that at once.

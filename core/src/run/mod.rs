@@ -235,7 +235,7 @@ pub fn arm<L: Link>(client: &mut Client<L>, config_hash: ConfigHash) -> Result<(
 pub fn disarm<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
     client.request(Request::Disarm)?;
     // A stop takes 0.3 s, after a snag up to 2 s; then the brakes close and are tested.
-    wait_for(client, BoardState::Disarmed, 3.0)?;
+    wait_for(client, BoardState::Disarmed, PARKS_S)?;
     // Given back: the next program is not refused as a second host (L14).
     client.request(Request::Close)?;
     Ok(())
@@ -304,7 +304,7 @@ pub fn stop_now<L: Link>(client: &mut Client<L>, kind: StopKind) -> RunError {
 /// Waits until a stop has ended. A fault on the way is reported; the board keeps it.
 fn torque_off<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
     let emergency = client.handle().stop_ordered() == Some(Order::Emergency);
-    match wait_for(client, BoardState::Disarmed, 3.0) {
+    match wait_for(client, BoardState::Disarmed, PARKS_S) {
         Err(
             RunError::Fault { .. }
             | RunError::NoChange {
@@ -315,6 +315,9 @@ fn torque_off<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
         outcome => outcome,
     }
 }
+
+/// The longest stop until torque is off, s: its path, the brakes and repeated tests of a brake behind the widest play.
+pub const PARKS_S: f64 = 5.0;
 
 /// A plan's start may differ from the board's set-points by this, m: elasticity at a tension that
 /// is not quite the expected one.

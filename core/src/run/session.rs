@@ -439,7 +439,7 @@ impl<'m, L: Link> Session<'m, L> {
     /// As [`super::disarm`].
     pub fn disarm(mut self) -> Result<(), RunError> {
         self.client.request(Request::Disarm)?;
-        super::wait_for(&mut self.client, BoardState::Disarmed, 3.0)
+        super::wait_for(&mut self.client, BoardState::Disarmed, super::PARKS_S)
             .map_err(|error| self.explain(error))?;
         self.close()
     }

@@ -106,10 +106,12 @@ fn feed<L: Link>(
             client.stop(StopKind::Stop)?;
             // A board that stopped by itself refuses requests in progress: the fault is the reason. It
             // may get its name while the board stops (C3).
-            return Err(match super::wait_for(client, BoardState::Disarmed, 3.0) {
-                Err(fault @ RunError::Fault { .. }) => fault,
-                _ => error,
-            });
+            return Err(
+                match super::wait_for(client, BoardState::Disarmed, super::PARKS_S) {
+                    Err(fault @ RunError::Fault { .. }) => fault,
+                    _ => error,
+                },
+            );
         }
         take_events(client, recorder, duration_s);
         if let Some(halt) = watch(recorder) {
@@ -120,7 +122,7 @@ fn feed<L: Link>(
                 // The board would otherwise continue the rest of the motion on the next resume.
                 client.request(Request::Discard)?;
             } else {
-                super::wait_for(client, BoardState::Disarmed, 3.0)?;
+                super::wait_for(client, BoardState::Disarmed, super::PARKS_S)?;
             }
             return Ok(Some(halt));
         }

@@ -421,7 +421,11 @@ impl Disarm {
         let model = Model::new(&common.robot()?)?;
         with_session(common, &model, None, None, |mut session| {
             session.client().stop(mcdpr_protocol::StopKind::Stop)?;
-            crate::run::wait_for(session.client(), mcdpr_protocol::BoardState::Disarmed, 3.0)?;
+            crate::run::wait_for(
+                session.client(),
+                mcdpr_protocol::BoardState::Disarmed,
+                crate::run::PARKS_S,
+            )?;
             session.close()
         })?;
         done(common, "disarmed", "disarmed: brakes closed, torque off")

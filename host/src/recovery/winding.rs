@@ -59,7 +59,7 @@ pub(super) fn test<L: Link>(
         }
         let response = response?;
         client.request(Request::Disarm)?;
-        wait_for(client, BoardState::Disarmed, 3.0)?;
+        wait_for(client, BoardState::Disarmed, crate::run::PARKS_S)?;
         match response {
             Ok(response) => responses.push(response),
             Err(reason) => return Ok(Tested::Refused(reason)),

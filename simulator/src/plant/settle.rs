@@ -21,6 +21,8 @@ const NEARLY_MPS: f64 = 1e-3;
 const GIVE_UP_S: f64 = 120.0;
 /// A load on one point need not come to rest about the vertical; after this time its other motions count alone (s).
 const TURNS_S: f64 = 20.0;
+/// What may be left of its moment about the vertical, over 0.1 m (N): of attachments that are not quite in one point.
+const TURNED_N: f64 = 0.02;
 /// Attachments no farther apart than this are one point (m): an eyelet, with its tolerance.
 const ONE_POINT_M: f64 = 0.005;
 
@@ -108,6 +110,7 @@ pub(crate) fn settle(
         let nearly = turns
             && time_s > TURNS_S
             && norm(force).max(norm(level(torque)) / 0.1) < NEARLY_N
+            && norm(torque) / 0.1 < TURNED_N
             && norm(motion.velocity).max(0.1 * norm(level(spin))) < NEARLY_MPS;
         if balanced || nearly {
             motion.velocity = [0.0; 3];
