@@ -216,6 +216,8 @@ impl<const N: usize> Controller<N> {
         let most = held + PROOF_MS + play_ms(active);
         // At most some 2000 + 150 + 1500 ms and the play's time, with the retries: 16 bits suffice.
         self.closing = Some(ticks + 1);
+        // Ticks since the first slip; none before it.
+        self.slips = self.slips.saturating_add(u16::from(self.slips > 0));
         if ticks < held {
             return;
         }
@@ -235,8 +237,6 @@ impl<const N: usize> Controller<N> {
             self.forget_proofs();
         }
         let (verdict, cable) = self.prove(inputs);
-        // Ticks since the first slip; none before it.
-        self.slips = self.slips.saturating_add(u16::from(self.slips > 0));
         let done = match verdict {
             Verdict::Slips(turned) => {
                 self.slips = self.slips.max(1);
