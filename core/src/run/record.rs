@@ -1,5 +1,6 @@
 //! What a board measured, tick by tick.
 
+use crate::link::client::unpacked;
 use mcdpr_protocol::SampleBlock;
 
 /// One tick of all cables, SI.
@@ -38,20 +39,20 @@ impl Recorder {
     /// given.
     pub fn take(&mut self, block: &SampleBlock, duration_s: f64) {
         let first = block.tick;
-        block.unpack(|tick, row| {
-            let since_first = tick.since(first);
+        self.samples.extend(unpacked(block).into_iter().map(|row| {
+            let since_first = row.tick.since(first);
             // The path clock is zero while no motion runs.
             let path_s = (block.path_ms > 0)
                 .then(|| (f64::from(block.path_ms) + f64::from(since_first)) * 1e-3)
                 // A block that spans the end of a motion has ticks behind it.
                 .filter(|&path| path <= duration_s);
-            self.samples.push(Measured {
-                tick: tick.0,
+            Measured {
+                tick: row.tick.0,
                 path_s,
-                lengths_m: row.iter().map(|s| s.length.metres()).collect(),
-                tensions_n: row.iter().map(|s| s.tension.newtons()).collect(),
-                currents_a: row.iter().map(|s| s.current.amperes()).collect(),
-            });
-        });
+                lengths_m: row.lengths_m,
+                tensions_n: row.tensions_n,
+                currents_a: row.currents_a,
+            }
+        }));
     }
 }

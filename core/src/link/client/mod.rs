@@ -9,6 +9,7 @@ mod upkeep;
 mod wire;
 
 pub use recent::Row;
+pub(crate) use recent::unpacked;
 
 use super::Link;
 use super::clock::BoardClock;

@@ -41,17 +41,20 @@ impl Recent {
 
     /// Every tick, in order.
     pub(super) fn rows(&self) -> Vec<Row> {
-        let mut rows = Vec::new();
-        for block in &self.blocks {
-            block.unpack(|tick, samples| {
-                rows.push(Row {
-                    tick,
-                    lengths_m: samples.iter().map(|s| s.length.metres()).collect(),
-                    tensions_n: samples.iter().map(|s| s.tension.newtons()).collect(),
-                    currents_a: samples.iter().map(|s| s.current.amperes()).collect(),
-                });
-            });
-        }
-        rows
+        self.blocks.iter().flat_map(unpacked).collect()
     }
+}
+
+/// The ticks of a block, SI.
+pub(crate) fn unpacked(block: &SampleBlock) -> Vec<Row> {
+    let mut rows = Vec::new();
+    block.unpack(|tick, samples| {
+        rows.push(Row {
+            tick,
+            lengths_m: samples.iter().map(|s| s.length.metres()).collect(),
+            tensions_n: samples.iter().map(|s| s.tension.newtons()).collect(),
+            currents_a: samples.iter().map(|s| s.current.amperes()).collect(),
+        });
+    });
+    rows
 }
