@@ -8,6 +8,7 @@ use crate::calibration::result::{FileError, path_for, write_whole};
 use crate::motion::Model;
 use crate::run::tracking::{Lesson, Tracking};
 use crate::stamp::{unix_s, utc_stamp};
+use mcdpr_core::estimate::friction::Friction;
 use mcdpr_core::estimate::track::{Kept, KeptError, Prior, Tracker};
 use mcdpr_protocol::frame::crc32;
 use miette::Diagnostic;
@@ -82,6 +83,9 @@ pub(crate) struct InUse {
     pub(crate) tensions_n: Vec<f64>,
     /// The state.
     pub(crate) state: Kept,
+    /// Friction of each cable's winch relative to the robot file; none in files of before it was tracked.
+    #[serde(default)]
+    pub(crate) frictions: Vec<Option<Friction>>,
 }
 
 /// One session in the history.
@@ -169,7 +173,10 @@ impl Store {
         };
         let seconds = unix_s().saturating_sub(kept.unix_s).min(LONGEST_S);
         match Tracking::resume(model, prior, &kept.state, seconds as f64, &kept.tensions_n) {
-            Ok(tracking) => Ok((tracking, Some(kept.unix_s))),
+            Ok(tracking) => {
+                let tracking = tracking.with_frictions(&kept.frictions, seconds as f64);
+                Ok((tracking, Some(kept.unix_s)))
+            }
             Err(KeptError::Description) => {
                 eprintln!(
                     "{}: {}; tracking begins anew",
@@ -196,6 +203,7 @@ impl Store {
             unix_s: unix_s(),
             tensions_n: tracking.last_n().to_vec(),
             state: tracking.kept(),
+            frictions: tracking.frictions(),
         };
         let text = serde_json::to_string(&kept).map_err(|error| TrackedError::NotOne {
             path: self.file.clone(),

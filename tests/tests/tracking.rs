@@ -1,9 +1,10 @@
 //! A robot that tracks its slow changes while it works: on the simulator whose cables creep, behind a port with its
 //! state kept in files, with loads in its jaws, and what is refused.
 
+use mcdpr::machine::{self, Mismatch};
 use mcdpr::pick::study::{self, Knowledge, Wanted};
 use mcdpr::pick::{End, Outcome};
-use mcdpr::robot::Robot;
+use mcdpr::robot::{self, Robot};
 use mcdpr_simulator::camera::Order;
 use mcdpr_tests::process::{Folder, Simulator, document, refused};
 use serde_json::Value;
@@ -174,6 +175,92 @@ fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
     let anew = track(&["--forget"]);
     assert!(anew["state"].is_null() && !file.exists());
     assert!(anew["entries"].as_array().unwrap().len() >= 3);
+}
+
+/// Friction of rotor and gear, mN m at the motor: of the winches of a robot.
+fn rubs_mnm(robot: &Robot) -> Vec<f64> {
+    let gears = robot.winches.iter().map(|winch| winch.gear.unwrap());
+    gears
+        .map(|gear| (gear.rotor_friction_nm + gear.gear_friction_nm) * 1e3)
+        .collect()
+}
+
+#[test]
+fn a_cold_gear_is_measured_by_the_motion_and_the_board_gets_its_friction() {
+    let folder = Folder::new("tracked-friction");
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .unwrap();
+    let text = std::fs::read_to_string(root.join("robots/paper-table5.toml")).unwrap();
+    // Cold, the simulated gears rub 1.7 times as much as the file says; the board is not told.
+    let cold = text.replace(
+        "static_friction = 1.3",
+        "static_friction = 1.3\ncold_friction = 1.7",
+    );
+    std::fs::write(folder.path().join("cold.toml"), cold).unwrap();
+    let file = robot::load(&folder.path().join("cold.toml")).unwrap();
+    let mut shares = Vec::new();
+    for seed in ["11", "12", "13"] {
+        let words = [
+            "run",
+            "paper:table7",
+            "--robot",
+            "cold.toml",
+            "--track",
+            "--seed",
+            seed,
+        ];
+        let done = document(&words, folder.path());
+        let last = done["rests"].as_array().unwrap().last().unwrap();
+        let found = &last["frictions"];
+        // Cables 1 to 3 are held by length.
+        assert!(found[0].is_null() && found[2].is_null(), "{found}");
+        let (share, error) = (&found[3]["share"], &found[3]["share_se"]);
+        let (share, error) = (share.as_f64().unwrap(), error.as_f64().unwrap());
+        // What the plant itself has; it turned for 12 of the 300 s in which it warms up.
+        let plant = machine::plant_params(&file, &Mismatch::realistic(), seed.parse().unwrap());
+        let gear = plant.winches[3].gear.clone().unwrap();
+        let warm = (gear.rotor_friction_nm + gear.gear_friction_nm) * 1e3 / rubs_mnm(&file)[3];
+        let true_share = warm * (1.0 + 0.7 * (-12.0_f64 / 300.0).exp());
+        assert!(
+            (share - true_share).abs() < 0.15 * true_share && error < 0.1,
+            "seed {seed}: {found}, not {true_share}"
+        );
+        shares.push(share);
+    }
+    println!("{shares:?}");
+    // Behind a port it is kept, and the next run's board is configured with it.
+    let simulator = Simulator::start_with(SCALE, &["--robot", "cold.toml", "--seed", "11"]);
+    let run = || {
+        let words = [
+            "run",
+            "paper:table7",
+            "--track",
+            "--robot",
+            "cold.toml",
+            "--time-scale",
+            SCALE,
+            "--on",
+        ];
+        document(&[&words[..], &[&simulator.port]].concat(), folder.path())
+    };
+    let configured = |run: &Value| {
+        let path = folder.path().join(run["run_folder"].as_str().unwrap());
+        let text = std::fs::read_to_string(path.join("robot.json")).unwrap();
+        let robot: Value = serde_json::from_str(&text).unwrap();
+        let gear = &robot["winches"][3]["gear"];
+        let of = |key: &str| gear[key].as_f64().unwrap() * 1e3;
+        of("rotor_friction_nm") + of("gear_friction_nm")
+    };
+    let first = run();
+    assert!((configured(&first) / rubs_mnm(&file)[3] - 1.0).abs() < 1e-9);
+    let kept = document(&["track", "--robot", "cold.toml"], folder.path());
+    let share = kept["frictions"][3]["share"].as_f64().unwrap();
+    assert!((1.3..2.0).contains(&share), "{}", kept["frictions"]);
+    let second = run();
+    let used = configured(&second) / rubs_mnm(&file)[3];
+    // It has grown no less certain in the seconds between the two.
+    assert!((used / share - 1.0).abs() < 0.01, "{used} {share}");
 }
 
 #[test]

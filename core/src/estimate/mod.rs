@@ -16,6 +16,7 @@
 //! rows' standard deviations, which are assumptions that a user can change.
 
 mod fix;
+pub mod friction;
 mod held;
 mod newton;
 pub(crate) mod region;

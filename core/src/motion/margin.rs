@@ -34,6 +34,7 @@ enum Quantity {
     GreatestTension(usize),
     Speed(usize),
     Current(usize),
+    GearLoad(usize),
     DrumLength(usize),
     CableDistance,
 }
@@ -43,7 +44,7 @@ impl Quantity {
         match self {
             Self::Axis(_) | Self::DrumLength(_) | Self::CableDistance => "mm",
             Self::Tilt => "deg",
-            Self::LeastTension(_) | Self::GreatestTension(_) => "N",
+            Self::LeastTension(_) | Self::GreatestTension(_) | Self::GearLoad(_) => "N",
             Self::Speed(_) => "mm/s",
             Self::Current(_) => "A",
         }
@@ -59,6 +60,7 @@ impl fmt::Display for Quantity {
             Self::GreatestTension(cable) => write!(f, "greatest tension, cable {}", cable + 1),
             Self::Speed(cable) => write!(f, "speed, cable {}", cable + 1),
             Self::Current(cable) => write!(f, "motor current, cable {}", cable + 1),
+            Self::GearLoad(cable) => write!(f, "load on gear, cable {}", cable + 1),
             Self::DrumLength(cable) => write!(f, "length off drum, cable {}", cable + 1),
             Self::CableDistance => f.write_str("distance between cables"),
         }
@@ -166,6 +168,22 @@ impl Margins {
             self.below(what, speed.abs() * 1e3, most_mps * 1e3, at);
             let current_a = force_n / winch.force_per_current_n_per_a();
             self.below(Quantity::Current(cable), current_a, winch.max_current_a, at);
+        }
+    }
+
+    /// Notes the forces of the gears on the flank that the cable loads, N: 0 changes sides.
+    pub(super) fn take_flanks(&mut self, model: &Model, flanks: &[Option<f64>], at: Moment) {
+        let most_n = model.robot().limits.tension_max_n.max(f64::MIN_POSITIVE);
+        for (cable, force) in flanks.iter().enumerate() {
+            if let Some(force_n) = *force {
+                self.note(
+                    Quantity::GearLoad(cable),
+                    force_n,
+                    0.0,
+                    force_n / most_n,
+                    at,
+                );
+            }
         }
     }
 

@@ -4,6 +4,7 @@ mod bounds;
 mod curve;
 mod drift;
 mod fitting;
+mod flank;
 mod gcode;
 pub mod knot;
 pub mod knots;

@@ -134,6 +134,19 @@ impl Model {
         self
     }
 
+    /// The same robot whose rotors and gears rub so many times as much, cable by cable; a missing value is 1.
+    #[must_use]
+    pub fn with_friction(mut self, shares: &[f64]) -> Self {
+        for (cable, share) in self.robot.cables.iter().zip(shares) {
+            let winch = self.robot.winches.get_mut(cable.winch_index);
+            if let Some(gear) = winch.and_then(|winch| winch.gear.as_mut()) {
+                gear.rotor_friction_nm *= share;
+                gear.gear_friction_nm *= share;
+            }
+        }
+        self
+    }
+
     pub(super) const fn watches_contact(&self) -> bool {
         self.contact
     }

@@ -1,6 +1,7 @@
 //! Checks a motion before it starts: the first limit that it would break, and its margin to the
 //! others.
 
+use super::flank;
 use super::margin::{Margin, Margins, Moment};
 use super::model::{Model, StaticState};
 use super::options::Planner;
@@ -44,6 +45,8 @@ pub struct Extremes {
     pub motor_rpm: Vec<f64>,
     /// Greatest motor current of each winch, gear losses left out, A.
     pub motor_current_a: Vec<f64>,
+    /// Least force of each gear on the flank that the cable loads, at the cable, N; `None` without play in the gear.
+    pub gear_load_n: Vec<Option<f64>>,
     /// Most turns of cable that are off each drum.
     pub drum_turns: Vec<f64>,
     /// Greatest tilt, rad.
@@ -110,6 +113,7 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
         tension_max_n: vec![0.0; count],
         motor_rpm: vec![0.0; count],
         motor_current_a: vec![0.0; count],
+        gear_load_n: vec![None; count],
         drum_turns: vec![0.0; count],
         ..Extremes::default()
     };
@@ -135,12 +139,18 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
         }
         if let Some(now) = &speeds {
             let then = before.as_ref().map(|(_, _, then)| then.as_slice());
-            let forces = forces(model, &rest, now, then.unwrap_or_default(), step_s);
+            let then = then.unwrap_or_default();
+            let forces = forces(model, &rest, now, then, step_s);
+            let flanks = flank::forces_n(model, rest.tensions_n(), now, then, step_s);
             seen.take_speeds(model, now, &forces);
+            seen.take_flanks(&flanks);
             if let Some(margins) = &mut margins {
                 margins.take_speeds(model, now, &forces, at);
+                margins.take_flanks(model, &flanks, at);
             }
-            broken = broken.or_else(|| judge_force(model, &forces));
+            broken = broken
+                .or_else(|| judge_force(model, &forces))
+                .or_else(|| flank::judge(model, &flanks));
         }
         // Distances change slowly: every fifth state is enough.
         if index % 5 == 0 && model.options().planner == Planner::Equilibrium && !meets(model) {
@@ -195,6 +205,12 @@ impl Extremes {
             if let Some(winch) = model.robot().winch_of(index) {
                 *most = most.max(paid_out / (std::f64::consts::TAU * winch.drum_radius_m));
             }
+        }
+    }
+
+    fn take_flanks(&mut self, flanks: &[Option<f64>]) {
+        for (least, flank) in self.gear_load_n.iter_mut().zip(flanks) {
+            *least = flank.map(|force| least.map_or(force, |least| least.min(force)));
         }
     }
 

@@ -188,7 +188,7 @@ impl<'m, L: Link> Session<'m, L> {
     }
 
     /// From now on the robot's slow changes are tracked at its rests, see [`Self::notice`], and plans follow
-    /// them. The board's configuration stays that of the described robot. States that were kept before a homing
+    /// them. The board's configuration stays that of this session's model. States that were kept before a homing
     /// learn of it; those kept of another simulated robot are not used: it has not aged.
     ///
     /// # Errors

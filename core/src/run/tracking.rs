@@ -3,6 +3,7 @@
 
 use super::Measured;
 use crate::estimate::Measurements;
+use crate::estimate::friction::{Friction, Frictions};
 use crate::estimate::track::{Kept, KeptError, Load, Prior, Pulleys, Tracker};
 use crate::motion::{Model, PlanError};
 use crate::robot::TagPlace;
@@ -16,6 +17,7 @@ pub struct Tracking {
     tracker: Tracker,
     described: Model,
     planner: Model,
+    frictions: Frictions,
     /// `None` until the first rest shows lengths.
     pulleys: Option<Pulleys>,
     /// Sum of tensions since the last rest, N, their number, and the mean at the last rest, N.
@@ -48,6 +50,9 @@ pub struct Lesson {
     /// Mass in the gripper, kg.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load_kg: Option<f64>,
+    /// Friction of each cable's winch over that of the description; `None` where none shows.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub frictions: Vec<Option<Friction>>,
 }
 
 /// A robot at rest.
@@ -99,6 +104,7 @@ impl Tracking {
             tracker,
             described: described.clone(),
             planner,
+            frictions: Frictions::new(described),
             pulleys: None,
             sums_n: vec![0.0; described.robot().cables.len()],
             count: 0,
@@ -117,13 +123,35 @@ impl Tracking {
     /// The same robot, as if nothing had been tracked.
     #[must_use]
     pub(super) fn anew(self) -> Self {
-        Self::new(&self.described, self.tracker.prior())
+        let new = Self::new(&self.described, self.tracker.prior());
+        // A cable that was put on anew changes no gear.
+        new.with_frictions(&self.frictions.all(), 0.0)
     }
 
     /// The model that plans should use now.
     #[must_use]
     pub const fn model(&self) -> &Model {
         &self.planner
+    }
+
+    /// Goes on from frictions that were kept `seconds` ago; plans follow them.
+    #[must_use]
+    pub fn with_frictions(mut self, kept: &[Option<Friction>], seconds: f64) -> Self {
+        self.frictions.resume(kept, seconds);
+        self.planner = self.planner.with_friction(&self.frictions.used());
+        self
+    }
+
+    /// Friction of each cable's winch relative to the description; `None` where none shows.
+    #[must_use]
+    pub fn frictions(&self) -> Vec<Option<Friction>> {
+        self.frictions.all()
+    }
+
+    /// The described robot with the friction that was found, for the board's configuration.
+    #[must_use]
+    pub fn rubbing_as_found(&self, described: Model) -> Model {
+        described.with_friction(&self.frictions.used())
     }
 
     /// The filter.
@@ -167,6 +195,16 @@ impl Tracking {
                 *sum += tension_n;
             }
             self.count += 1;
+            if sample.path_s.is_some() {
+                let (lengths_m, tensions_n) = (&sample.lengths_m, &sample.tensions_n);
+                self.frictions.take(
+                    &self.described,
+                    sample.tick,
+                    lengths_m,
+                    tensions_n,
+                    &sample.currents_a,
+                );
+            }
         }
     }
 
@@ -201,7 +239,7 @@ impl Tracking {
         };
         let before_m = tool_m(&self.planner);
         let report = self.tracker.rest(&measured, &hauled, near);
-        self.planner = self.tracker.model(&self.described)?;
+        self.planner = self.follow()?;
         let after_m = tool_m(&self.planner);
         let step_mm = before_m
             .zip(after_m)
@@ -216,9 +254,16 @@ impl Tracking {
             step_mm,
             named: report.named.map(|named| named.words()),
             load_kg: self.tracker.load().map(|load| load.mass_kg),
+            frictions: self.frictions.all(),
         };
         self.lessons.push(lesson.clone());
         Ok(lesson)
+    }
+
+    /// The model that the states describe.
+    fn follow(&self) -> Result<Model, PlanError> {
+        let model = self.tracker.model(&self.described)?;
+        Ok(model.with_friction(&self.frictions.used()))
     }
 
     /// Seconds since the last rest, now taken into account.
@@ -248,7 +293,7 @@ impl Tracking {
     /// As [`Self::rest`].
     pub fn set_down(&mut self) -> Result<(), PlanError> {
         self.tracker.set_down();
-        self.planner = self.tracker.model(&self.described)?;
+        self.planner = self.follow()?;
         Ok(())
     }
 }

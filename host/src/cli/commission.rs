@@ -65,6 +65,16 @@ impl Cmd {
         let (found, folder) = connected(common, &robot, &self.machine, &name, work)?;
         write_atomically(&self.out, module_text(&found, &robot))
             .map_err(Failed::from_error(&self.out.display().to_string()))?;
+        folder
+            .plot(
+                "commission",
+                &crate::service::figure(&found, &robot.name),
+                common.plots(),
+            )
+            .map_err(Failed::from_error("drawing the measurements"))?;
+        folder
+            .write_json("commission.json", &found)
+            .map_err(Failed::from_error("writing the results"))?;
         if common.json {
             return print_json(&found);
         }
@@ -136,7 +146,11 @@ impl Cmd {
              (mcdpr config compose)",
             self.out.display()
         );
-        say!("run folder: {}", folder.path().display());
+        say!(
+            "run folder: {} (commission.{} shows what was measured)",
+            folder.path().display(),
+            common.plots().ending()
+        );
         Ok(())
     }
 }

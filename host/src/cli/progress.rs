@@ -66,3 +66,32 @@ impl Drop for Phase {
         self.bar.finish_and_clear();
     }
 }
+
+/// A bar of things that are done one by one, on any thread; disabled if standard error is not a terminal. It disappears
+/// when it is dropped, which must be before anything else is printed.
+pub(crate) struct Count {
+    bar: ProgressBar,
+}
+
+impl Count {
+    pub(crate) fn begin(what: &'static str, total: u64) -> Self {
+        let bar = ProgressBar::new(total);
+        let style = "{prefix:>24} [{wide_bar}] {pos} of {len}, {elapsed}";
+        if let Ok(style) = ProgressStyle::with_template(style) {
+            bar.set_style(style);
+        }
+        bar.set_prefix(what);
+        bar.enable_steady_tick(REDRAW);
+        Self { bar }
+    }
+
+    pub(crate) fn one_more(&self) {
+        self.bar.inc(1);
+    }
+}
+
+impl Drop for Count {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

@@ -92,6 +92,12 @@ impl Cmd {
             );
         }
         say_choice(&model);
+        let start = || self.track.start(common, &model);
+        let tracked = self.track.is_on().then(start).transpose()?;
+        let model = match &tracked {
+            Some(started) => started.rubbing_as_found(model),
+            None => model,
+        };
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
         let time_scale = common.pace()?;
@@ -128,8 +134,6 @@ impl Cmd {
         let events = &recorded.events;
         let rests = RefCell::new(Vec::new());
         let looking = self.track.looking(common, &model)?;
-        let start = || self.track.start(common, &model);
-        let tracked = self.track.is_on().then(start).transpose()?;
         let outcome = if common.on == "sim" {
             let robot = SimulatedRobot::new(mismatch, common.seed).controller(&common.controller);
             let experiment = Experiment::new(&model, task)

@@ -7,6 +7,7 @@ use crate::experiment::{Experiment, Looking};
 use crate::motion::Model;
 use crate::run::tracking::{Lesson, Tracking};
 use crate::tracked::Store;
+use mcdpr_core::estimate::friction::{BOUNDS, Friction};
 use mcdpr_core::estimate::track::{Estimates, Known, Prior, Tracker};
 use std::cell::RefCell;
 
@@ -149,6 +150,11 @@ pub(crate) struct Started {
 }
 
 impl Started {
+    /// The model with the friction that was tracked before: plans and the board's configuration use it.
+    pub(crate) fn rubbing_as_found(&self, model: Model) -> Model {
+        self.tracking.rubbing_as_found(model)
+    }
+
     /// The experiment, tracked. `rests` gets what each rest taught; the state of a real robot is kept after each.
     pub(crate) fn tracked<'a>(
         self,
@@ -193,10 +199,45 @@ pub(crate) fn words(rests: &[Lesson]) -> String {
     let fit = rests.iter().filter(|lesson| lesson.fits).count();
     let seen = rests.iter().filter(|lesson| lesson.tags > 0).count();
     let step_mm: f64 = rests.iter().map(|lesson| lesson.step_mm).sum();
-    format!(
+    let mut words = format!(
         "tracked: {} rests, {seen} with tags in view, {fit} fitted; plans moved by {step_mm:.2} mm in all",
         rests.len()
-    )
+    );
+    for line in rests
+        .last()
+        .map_or_else(Vec::new, |last| frictions(&last.frictions))
+    {
+        words.push('\n');
+        words.push_str(&line);
+    }
+    words
+}
+
+/// Frictions that differ from the robot file by more than a tenth, in sentences.
+fn frictions(all: &[Option<Friction>]) -> Vec<String> {
+    let known = (1..)
+        .zip(all)
+        .filter_map(|(cable, found)| Some((cable, (*found)?)));
+    let differs = known.filter(|(_, found)| {
+        let by = (found.share - 1.0).abs();
+        by > 0.1 && by > 2.0 * found.share_se
+    });
+    let words = differs.map(|(cable, found)| {
+        let line = format!(
+            "the winch of cable {cable} rubs {:.2} times as much as its file says (standard error {:.2})",
+            found.share, found.share_se
+        );
+        if found.is_beyond() {
+            let [least, most] = BOUNDS;
+            format!(
+                "{line}: beyond {least} to {most} times it is no change of temperature; look at the winch, and \
+                 commission it again"
+            )
+        } else {
+            format!("{line}; plans use it now, the board from the next tracked run on")
+        }
+    });
+    words.collect()
 }
 
 /// The tracked state of a robot on a port, and its history; `--back-to` uses an earlier state again
@@ -249,7 +290,8 @@ impl Cmd {
                 .collect();
             return print_json(&serde_json::json!({
                 "file": store.file(), "history": store.history_file(),
-                "kept": in_use.map(|kept| kept.date), "state": state, "refused": refused,
+                "kept": in_use.as_ref().map(|kept| &kept.date), "state": state, "refused": refused,
+                "frictions": in_use.as_ref().map(|kept| &kept.frictions),
                 "entries": entries, "torn_lines": torn,
             }));
         }
@@ -265,6 +307,15 @@ impl Cmd {
                     state.mass_kg.sigma * 1e3
                 );
                 say!("(-): nothing that was measured has told of it yet");
+                for (cable, found) in (1..).zip(&kept.frictions) {
+                    if let Some(found) = found {
+                        say!(
+                            "friction of the winch of cable {cable}: {:.2} times that of the file (standard error {:.2})",
+                            found.share,
+                            found.share_se
+                        );
+                    }
+                }
             }
             (Some(_), None, Some(refused)) => say!("the state in use does not apply: {refused}"),
             _ => say!("nothing is tracked yet; `mcdpr run TASK --track --on PORT` begins it"),

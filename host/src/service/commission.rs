@@ -2,6 +2,7 @@
 //! sensor's reading without load.
 
 use super::ratio::check;
+use super::windup::Windings;
 use super::{Bench, CEILING_N, Loss, Purpose, Rubbing, ServiceError, Stiffness, volts};
 use crate::link::{Client, Link};
 use crate::robot::{DriveKind, Robot, Winch};
@@ -72,6 +73,9 @@ pub struct Commissioned {
     /// Why it is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stiffness_unknown: Option<String>,
+    /// What showed it.
+    #[serde(skip)]
+    pub(crate) windings: Windings,
     /// The gear's loss, if a weight was hung on the drum.
     pub loss: Option<Loss>,
     /// Temperature at the winch as the user noted it, degrees Celsius.
@@ -129,9 +133,12 @@ pub fn commission<L: Link>(
     let out = if paid_out { 1 } else { -1 };
     let motor_sign = if motor * out > 0 { 1.0 } else { -1.0 };
     let geared = bench.described().gear.as_ref().map(|gear| gear.efficiency);
-    let wound = match geared {
-        Some(_) => Some(bench.windup(&rubs)?),
-        None => None,
+    let (wound, windings) = match geared {
+        Some(_) => {
+            let (wound, windings) = bench.windup(&rubs)?;
+            (Some(wound), windings)
+        }
+        None => (None, Windings::new()),
     };
     let loss = match asked.weight_n.filter(|_| geared.is_some()) {
         Some(weight_n) => {
@@ -143,13 +150,15 @@ pub fn commission<L: Link>(
         }
         None => None,
     };
-    let efficiency = loss.map_or(geared.unwrap_or(1.0), |loss| loss.efficiency);
+    let efficiency = loss
+        .as_ref()
+        .map_or(geared.unwrap_or(1.0), |loss| loss.efficiency);
     let (stiffness, stiffness_unknown) = match wound {
         Some(Ok((before, error))) => {
             let stiffness = Stiffness {
                 stiffness_nm_per_rad: before * efficiency,
                 stiffness_se_nm_per_rad: (error * efficiency)
-                    .hypot(before * loss.map_or(0.0, |loss| loss.efficiency_se)),
+                    .hypot(before * loss.as_ref().map_or(0.0, |loss| loss.efficiency_se)),
                 before_loss_nm_per_rad: before,
                 efficiency,
             };
@@ -184,6 +193,7 @@ pub fn commission<L: Link>(
         rubbing: Some(rubs),
         stiffness,
         stiffness_unknown,
+        windings,
         loss,
         temperature_c: None,
         differs: Vec::new(),

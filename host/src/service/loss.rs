@@ -15,7 +15,7 @@ use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// Loss of a gear in both directions, with standard errors.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Loss {
     /// Share of the motor's power that reaches the drum, without the friction of the unloaded winch.
     pub efficiency: f64,
@@ -31,6 +31,21 @@ pub struct Loss {
     pub sensor_n: f64,
     /// Share of the weight that the pulley on its way adds while it is raised, and takes while it is lowered.
     pub pulley_loss: f64,
+    /// The motor's torques at each speed.
+    pub turns: Vec<Lifted>,
+}
+
+/// Torques of a motor that raises and lowers a weight at one speed, positive where they reel in, N m.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Lifted {
+    /// Speed of the motor, rpm.
+    pub rpm: f64,
+    /// Turning the bare drum, either way.
+    pub bare_nm: f64,
+    /// Raising.
+    pub raised_nm: f64,
+    /// Lowering.
+    pub lowered_nm: f64,
 }
 
 /// Of [`WAYS`], those on which the weight is moved: the slower ones. A weight that falls through play falls anew when a
@@ -50,6 +65,7 @@ const MOST_ERROR: f64 = 0.05;
 /// Torques at the motor that reel in, N m, with standard errors: bare, raising and lowering a weight.
 #[derive(Debug, Clone, Copy)]
 struct Torques {
+    rpm: f64,
     bare: (f64, f64),
     raised: (f64, f64),
     lowered: (f64, f64),
@@ -149,6 +165,7 @@ impl<L: Link> Bench<'_, L> {
                 low.push(self.sensed_n(pass.tension_adc));
             }
             all.push(Torques {
+                rpm: turn.rpm,
                 bare: (turn.torque_nm, turn.torque_se_nm),
                 raised: mean(raised.into_iter()),
                 lowered: mean(lowered.into_iter()),
@@ -211,6 +228,15 @@ fn judge(
         weight_n,
         sensor_n,
         pulley_loss,
+        turns: torques
+            .iter()
+            .map(|t| Lifted {
+                rpm: t.rpm,
+                bare_nm: t.bare.0,
+                raised_nm: t.raised.0,
+                lowered_nm: t.lowered.0,
+            })
+            .collect(),
     };
     let possible = inverse > 0.0
         && efficiency_se.max(backdrive_se) <= MOST_ERROR
@@ -246,6 +272,7 @@ mod tests {
         let per_n = winch.drum_radius_m / winch.gear_ratio;
         let rotor_nm = 4e-4;
         let torques = [1.0, 1.1].map(|more| Torques {
+            rpm: 300.0 * more,
             bare: (more * rotor_nm + winch.friction_n * per_n / efficiency, 0.0),
             // Over a pulley that takes 3 %, by a sensor that shows a tenth too little.
             raised: (

@@ -6,6 +6,7 @@
 
 mod commission;
 mod differs;
+mod drawing;
 mod error;
 mod loss;
 mod ratio;
@@ -14,8 +15,9 @@ mod steady;
 mod windup;
 
 pub use commission::{Asked, Commissioned, Operator, commission};
+pub(crate) use drawing::figure;
 pub use error::ServiceError;
-pub use loss::Loss;
+pub use loss::{Lifted, Loss};
 pub use ratio::{Ratio, measure_ratio};
 pub use rubbing::{Friction, Rubbing};
 pub use windup::Stiffness;

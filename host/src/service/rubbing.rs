@@ -30,6 +30,9 @@ pub struct Rubbing {
     pub play_deg: f64,
     /// Its standard error, degrees.
     pub play_se_deg: f64,
+    /// Increase of the gap with the motor's speed, degrees per rpm.
+    #[serde(skip)]
+    pub(super) gap_deg_per_rpm: f64,
 }
 
 /// Torque of a motor in steady turns of its bare drum.
@@ -41,6 +44,11 @@ pub struct Steady {
     pub torque_nm: f64,
     /// Its standard error, N m.
     pub torque_se_nm: f64,
+    /// How far the motor is ahead of the drum in one direction less the same in the other, degrees of the drum: the play,
+    /// and the way between two readings.
+    pub gap_deg: f64,
+    /// Its standard error, degrees.
+    pub gap_se_deg: f64,
 }
 
 /// Friction of a bare winch.
@@ -149,13 +157,20 @@ impl<L: Link> Bench<'_, L> {
         let gap = |(out, back): &(Pass, Pass)| (out.gap - back.gap) * 360.0;
         let rpm = |(out, back): &(Pass, Pass)| 0.5 * (out.rpm + back.rpm);
         let pairs = |speed: usize| speeds.get(speed).map_or(&[][..], Vec::as_slice).iter();
+        // Motor and drum are read at different times: the gap of that grows with the speed. It is a mean of readings in
+        // whole counts of the drum, over each of the turns.
+        let count_deg = 360.0 / f64::from(winch.encoder_counts_per_turn);
         let turns: Vec<Steady> = (0..speeds.len())
             .map(|speed| {
                 let (torque_nm, torque_se_nm) = mean(pairs(speed).map(rubs));
+                let (gap_deg, spread_deg) = mean(pairs(speed).map(gap));
+                let whole_deg = count_deg / (12.0 * pairs(speed).len().max(1) as f64).sqrt();
                 Steady {
                     rpm: mean(pairs(speed).map(rpm)).0,
                     torque_nm,
                     torque_se_nm,
+                    gap_deg,
+                    gap_se_deg: spread_deg.hypot(whole_deg),
                 }
             })
             .collect();
@@ -190,22 +205,15 @@ impl<L: Link> Bench<'_, L> {
             let taken = taken.collect::<Vec<_>>().join(", ");
             format!("the motor takes {taken}: these do not show its dry friction")
         });
-        // Motor and drum are read at different times: the gap of that grows with the speed. It is a mean of readings in
-        // whole counts of the drum, over each of the turns.
-        let count_deg = 360.0 / f64::from(winch.encoder_counts_per_turn);
-        let gaps = (0..speeds.len()).map(|speed| {
-            let (gap_deg, spread_deg) = mean(pairs(speed).map(gap));
-            let whole_deg = count_deg / (12.0 * pairs(speed).len().max(1) as f64).sqrt();
-            let rpm = mean(pairs(speed).map(rpm)).0;
-            (rpm, gap_deg, spread_deg.hypot(whole_deg))
-        });
-        let (_, play_deg, play_se_deg) = line(&gaps.collect::<Vec<_>>());
+        let gaps = turns.iter().map(|t| (t.rpm, t.gap_deg, t.gap_se_deg));
+        let (gap_deg_per_rpm, play_deg, play_se_deg) = line(&gaps.collect::<Vec<_>>());
         Ok(Rubbing {
             friction,
             friction_unknown,
             turns,
             play_deg: play_deg.max(0.0),
             play_se_deg,
+            gap_deg_per_rpm,
         })
     }
 }

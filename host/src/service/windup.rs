@@ -52,9 +52,16 @@ const SLIPS_DEG: f64 = super::commission::MOST_BRAKE_PLAY_DEG;
 /// Drum counts by which a drum that stands may seem to move.
 const RESTS: i64 = 1;
 
+/// What the motor showed while the gear was wound up, either way: angle of the motor, as a turn of the drum, degrees, and
+/// its torque behind the ratio and before the loss, N m, both without a sign.
+pub(crate) type Windings = Vec<Vec<(f64, f64)>>;
+
 /// A look at a winch while its gear winds up: torque of the motor, N m, its counts, and those of the drum, in the
 /// direction of the push.
 type Look = (f64, f64, i64);
+
+/// The slope of torque before loss over twist and its standard error, N m/rad, or why it is not known; with what was seen.
+pub(super) type Wound = (Result<(f64, f64), String>, Windings);
 
 impl<L: Link> Bench<'_, L> {
     /// Current to which the gear is wound up, A.
@@ -65,13 +72,11 @@ impl<L: Link> Bench<'_, L> {
         (STATIC * friction_a + WIND_SHARE * most_a).min(MOST_SHARE * most_a)
     }
 
-    /// Identifies the stiffness before loss, and its standard error, N m/rad; in words why it is not known.
-    pub(super) fn windup(
-        &mut self,
-        bare: &Rubbing,
-    ) -> Result<Result<(f64, f64), String>, ServiceError> {
+    /// Identifies the stiffness before loss, and its standard error, N m/rad; in words why it is not known. With what
+    /// was measured.
+    pub(super) fn windup(&mut self, bare: &Rubbing) -> Result<Wound, ServiceError> {
         let most_a = self.wind_a(bare);
-        let mut slopes = Vec::new();
+        let (mut slopes, mut windings) = (Vec::new(), Windings::new());
         for out in [false, true] {
             // The motor is left on the flank that it pushes next, not wound up: its friction may be more than the
             // current that follows. A set-point grows as the drum pays out.
@@ -82,32 +87,21 @@ impl<L: Link> Bench<'_, L> {
             turned?;
             closed?;
             self.enable(Purpose::Wind { most_a, out })?;
-            let looks = self.wound(most_a);
+            let looks = self.wind(most_a);
             let closed = self.disable();
             let looks = looks?;
             closed?;
             let winch = self.described();
+            windings.push(wound(winch, &looks));
             match slope(winch, &looks, bare.slowest_nm(), most_a) {
                 Ok(found) => slopes.push(found),
-                Err(why) => return Ok(Err(why)),
+                Err(why) => return Ok((Err(why), windings)),
             }
         }
-        let (Some(pulled), Some(pushed)) = (slopes.first(), slopes.last()) else {
-            return Ok(Err("nothing was measured".to_owned()));
-        };
-        let both = 0.5 * (pulled.0 + pushed.0);
-        let differs = 0.5 * (pulled.0 - pushed.0).abs();
-        let error = (0.5 * pulled.1.hypot(pushed.1)).hypot(differs);
-        if error > MOST_ERROR * both {
-            return Ok(Err(format!(
-                "wound up one way it is {:.0} N m/rad before loss, the other way {:.0} (standard error {error:.0})",
-                pulled.0, pushed.0
-            )));
-        }
-        Ok(Ok((both, error)))
+        Ok((both_ways(&slopes), windings))
     }
 
-    fn wound(&mut self, most_a: f64) -> Result<Vec<Look>, ServiceError> {
+    fn wind(&mut self, most_a: f64) -> Result<Vec<Look>, ServiceError> {
         let enable_ms = match self.described().drive {
             DriveKind::Rmds => 2200,
             DriveKind::Cia402 => 1500,
@@ -144,6 +138,35 @@ impl<L: Link> Bench<'_, L> {
         }
         Ok(looks)
     }
+}
+
+/// Angles and torques of looks.
+fn wound(winch: &Winch, looks: &[Look]) -> Vec<(f64, f64)> {
+    let Some(first) = looks.first() else {
+        return Vec::new();
+    };
+    let at = |look: &Look| {
+        let turned = (look.1 - first.1).abs() / winch.motor_counts_per_turn.abs();
+        (turned * 360.0, look.0.abs() * winch.gear_ratio)
+    };
+    looks.iter().map(at).collect()
+}
+
+/// The mean of the slopes of both ways and its standard error, or why they are no slopes of one gear.
+fn both_ways(slopes: &[(f64, f64)]) -> Result<(f64, f64), String> {
+    let (Some(pulled), Some(pushed)) = (slopes.first(), slopes.last()) else {
+        return Err("nothing was measured".to_owned());
+    };
+    let both = 0.5 * (pulled.0 + pushed.0);
+    let differs = 0.5 * (pulled.0 - pushed.0).abs();
+    let error = (0.5 * pulled.1.hypot(pushed.1)).hypot(differs);
+    if error > MOST_ERROR * both {
+        return Err(format!(
+            "wound up one way it is {:.0} N m/rad before loss, the other way {:.0} (standard error {error:.0})",
+            pulled.0, pushed.0
+        ));
+    }
+    Ok((both, error))
 }
 
 /// Torque before loss per twist at the drum, N m/rad, and its standard error; in words why it is not known.

@@ -5,6 +5,7 @@
 //! Mass, anchors and the rest of the machine's errors are unknown to it.
 
 mod identified;
+mod uses;
 
 pub use identified::Identified;
 pub(crate) use identified::{commissioned, described};
@@ -12,9 +13,8 @@ pub(crate) use identified::{commissioned, described};
 use super::bench::{Bench, Change, Script};
 use super::measure::{at_rest, recovery};
 use crate::machine::Mismatch;
-use crate::motion::{Planner, Shaping, Task};
+use crate::motion::Task;
 use crate::robot::{LawKind, Robot, TensionOutput};
-use crate::study::motion::{Case, Job, Known, Outcome, run_as};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
@@ -46,7 +46,7 @@ pub(crate) struct Contender {
 }
 
 /// The measured figures of a machine, in this order.
-pub(crate) const FIGURES: [(&str, &str, &str); 15] = [
+pub(crate) const FIGURES: [(&str, &str, &str); 18] = [
     ("rest: mean error", "N", "0.2"),
     ("rest: standard deviation", "N", ""),
     ("rest: drum's way in the last second", "um", ""),
@@ -62,8 +62,12 @@ pub(crate) const FIGURES: [(&str, &str, &str); 15] = [
     ("circle of the tool, homed: greatest", "mm", ""),
     ("line of the tool, absolute: mean", "mm", ""),
     ("line of the tool, absolute: greatest", "mm", ""),
+    ("steps of 2 N as `tune` makes them: error, rms", "N", ""),
+    ("steps of 2 N as `tune` makes them: ringing, rms", "N", ""),
+    ("poses collected of 20", "", ""),
 ];
-/// Figures of the tension loop; the rest are those of the tool's path, which only the first contender runs.
+/// Figures of the tension loop; the rest are those of the tool's path, of tuning and of collecting, which only the
+/// first contender runs.
 pub const OF_TENSION: usize = 8;
 
 /// A drawn machine, and the results of each contender on it.
@@ -148,9 +152,15 @@ pub(crate) fn contenders(robot: &Robot) -> Vec<Contender> {
 /// Gains of Eq. 1 with a speed as its output, mm/s per N and mm/N: see docs/paper-notes.md.
 const PD_SPEED: [f64; 2] = [5.0, 0.0];
 
-/// Draws machines, commissions their winches, and, unless only that is wanted, runs every contender on each.
+/// Draws machines, commissions their winches, and, unless only that is wanted, runs every contender on each; `done` is
+/// called after each machine.
 #[must_use]
-pub fn study(robot: &Robot, seeds: std::ops::Range<u64>, commission_only: bool) -> Vec<Drawn> {
+pub fn study(
+    robot: &Robot,
+    seeds: std::ops::Range<u64>,
+    commission_only: bool,
+    done: impl Fn() + Sync,
+) -> Vec<Drawn> {
     let mut contenders = contenders(robot);
     if commission_only {
         contenders.clear();
@@ -170,13 +180,15 @@ pub fn study(robot: &Robot, seeds: std::ops::Range<u64>, commission_only: bool) 
                 let told = described(&contender.robot, &found);
                 let mut run = ran(&told, &built, seed);
                 if index == 0 {
-                    follow(&told, &built, seed, &mut run);
+                    uses::follow(&told, &built, seed, &mut run);
+                    uses::tune_and_collect(&told, &built, seed, &mut run);
                     run.faults.append(&mut failed);
                 }
                 run
             });
             let runs = runs.collect();
             let found = found.into_iter().map(|(_, errors)| errors).collect();
+            done();
             Drawn {
                 seed,
                 friction_n,
@@ -188,50 +200,6 @@ pub fn study(robot: &Robot, seeds: std::ops::Range<u64>, commission_only: bool) 
             }
         })
         .collect()
-}
-
-/// Circle and line of the tool on a machine with every realistic error.
-fn follow(told: &Robot, built: &Robot, seed: u64, run: &mut Ran) {
-    let base = Case {
-        job: Job::Circle10s,
-        robot: "paper-optimistic",
-        every_error: true,
-        known: Known::Absolute,
-        pulley_loss: Mismatch::realistic().pulley_loss,
-        shaping: Shaping::Zv,
-        frictionless: false,
-        planner: Planner::Equilibrium,
-    };
-    for (name, job, known) in [
-        ("circle of the tool", Job::Circle10s, Known::Absolute),
-        ("circle of the tool, homed", Job::Circle10s, Known::Homed),
-        ("line of the tool", Job::LineAtLimit, Known::Absolute),
-    ] {
-        let case = Case { job, known, ..base };
-        let outcome = run_as(&case, told.clone(), Some(built), seed);
-        let values = |of: &Outcome| {
-            let mut values = vec![of.path_mean_m, of.path_max_m];
-            if (job, known) == (Job::Circle10s, Known::Absolute) {
-                values.push(of.reversal_m);
-            }
-            values
-        };
-        match outcome {
-            Ok(outcome) => {
-                let mm = values(&outcome).into_iter().map(|m| Some(m * 1e3));
-                run.figures.extend(mm);
-            }
-            Err(error) => {
-                run.faults.push(format!("{name}: {error}"));
-                let count = if known == Known::Absolute && job == Job::Circle10s {
-                    3
-                } else {
-                    2
-                };
-                run.figures.extend(std::iter::repeat_n(None, count));
-            }
-        }
-    }
 }
 
 /// Every experiment with the tension loop on one machine, built as `built` says and described by `robot`.

@@ -1,5 +1,6 @@
 //! `mcdpr study winch`: the tension loop on winches over the whole range of friction, loss and play.
 
+use crate::cli::progress::Count;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Outcome, print_json, write_out};
 use crate::tension::winch_study::{
@@ -30,7 +31,11 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = crate::robot::find(&common.robot)?;
         let seeds = self.seed..self.seed.saturating_add(self.seeds);
-        let drawn = study(&robot, seeds.clone(), self.commission_only);
+        let count = Count::begin("machines", self.seeds);
+        let drawn = study(&robot, seeds.clone(), self.commission_only, || {
+            count.one_more();
+        });
+        drop(count);
         let last = seeds.end.saturating_sub(1);
         if common.json {
             return print_json(&serde_json::json!({
@@ -69,6 +74,7 @@ impl Cmd {
         let cell = |contender, figure, within| match spread(&drawn, contender, figure, within) {
             Some((median, p95, count)) => format!("{median:.3} / {p95:.3} ({count})"),
             None if contender > 0 && figure >= OF_TENSION => "-".to_owned(),
+            None if !drawn.iter().any(|m| in_bin(within, m)) => "-".to_owned(),
             None => "fault".to_owned(),
         };
         let mut rows = vec![head];
@@ -112,11 +118,15 @@ impl Cmd {
     }
 }
 
+/// Whether the friction of a machine is within these limits, N.
+fn in_bin([low, high]: [f64; 2], machine: &Drawn) -> bool {
+    (low..high).contains(&machine.friction_n)
+}
+
 /// How well `commission` identified the winches.
 fn identified(drawn: &[Drawn]) {
-    let within = |[low, high]: [f64; 2]| {
-        let of = move |machine: &&Drawn| (low..high).contains(&machine.friction_n);
-        let of = drawn.iter().filter(of);
+    let within = |bin: [f64; 2]| {
+        let of = drawn.iter().filter(|machine| in_bin(bin, machine));
         of.flat_map(|machine| &machine.found).collect::<Vec<_>>()
     };
     let all = [0.0, f64::INFINITY];
@@ -150,6 +160,13 @@ fn identified(drawn: &[Drawn]) {
         rows.push(cells);
     }
     write_out(&lay_out(&rows));
+    for machine in drawn {
+        for (winch, found) in (1..).zip(&machine.found) {
+            if let Some(why) = &found.stiffness_unknown {
+                say!("seed {}, winch {winch}, stiffness: {why}", machine.seed);
+            }
+        }
+    }
     let winches = within(all);
     for (name, error, stated) in STATED {
         let both = winches

@@ -12,7 +12,7 @@ use serde::Serialize;
 const WEIGHT_KG: f64 = 1.0;
 
 /// Errors of the identification of one winch: found less true.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Identified {
     /// Friction at the motor as a share of the true one; `None` if it is not known.
     pub friction_error: Option<f64>,
@@ -34,6 +34,8 @@ pub struct Identified {
     pub stiffness_error: Option<f64>,
     /// Its stated standard error, likewise.
     pub stiffness_se: Option<f64>,
+    /// Why it is not known.
+    pub stiffness_unknown: Option<String>,
 }
 
 /// Whoever watches a simulated drum while it is commissioned, and hangs the weight on it.
@@ -115,12 +117,17 @@ pub(crate) fn commissioned(
             friction_se: friction.map(|friction| friction.friction_se_nm / true_nm),
             play_error_deg: rubs.play_deg - gear.play_rad.to_degrees(),
             ratio_error: found.motor_counts_per_turn.abs() / counts - 1.0,
-            efficiency_error: loss.map(|loss| loss.efficiency - gear.efficiency_driving),
-            efficiency_se: loss.map(|loss| loss.efficiency_se),
-            backdrive_error: loss.map(|loss| loss.backdrive_efficiency - gear.efficiency_driven),
-            backdrive_se: loss.map(|loss| loss.backdrive_efficiency_se),
+            efficiency_error: loss
+                .as_ref()
+                .map(|loss| loss.efficiency - gear.efficiency_driving),
+            efficiency_se: loss.as_ref().map(|loss| loss.efficiency_se),
+            backdrive_error: loss
+                .as_ref()
+                .map(|loss| loss.backdrive_efficiency - gear.efficiency_driven),
+            backdrive_se: loss.as_ref().map(|loss| loss.backdrive_efficiency_se),
             stiffness_error: yields
                 .map(|yields| yields.stiffness_nm_per_rad / true_stiffness - 1.0),
+            stiffness_unknown: found.stiffness_unknown.clone(),
             stiffness_se: yields.map(|yields| yields.stiffness_se_nm_per_rad / true_stiffness),
         };
         all.push((found, errors));
