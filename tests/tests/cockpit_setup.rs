@@ -98,7 +98,7 @@ fn the_doctor_and_the_rig_are_run_from_the_page_and_a_failure_says_what_to_do() 
         page.run("mcdpr.steps.known.steps.filter(s => s.tab === 'setup').map(s => s.id).join(' ')");
     assert_eq!(
         ids,
-        "doctor recover commission rig home target collect calibrate tune check verify"
+        "doctor recover commission rig home target collect calibrate tune check verify track tracked"
     );
     open(&mut page, "doctor");
     let shown = page.text("step-doctor-line");
@@ -480,6 +480,33 @@ fn a_port_is_released_to_a_step_and_taken_back() {
     wait(
         &mut page,
         "mcdpr.answers.some(m => m.order === 'clear' && m.ok)",
+    );
+    // It works, and what is tracked meanwhile outlasts the command.
+    open(&mut page, "track");
+    page.fill("step-track-laps", "2");
+    wait(
+        &mut page,
+        &format!(
+            "{}.includes('mcdpr run --track fitting --laps 2 ')",
+            line("track")
+        ),
+    );
+    run_confirmed(&mut page, "track");
+    wait(&mut page, &is("track", "done"));
+    let output = "document.getElementById('step-track-output').textContent";
+    wait(&mut page, &format!("{output}.includes('tracked: 3 rests')"));
+    wait(&mut page, here);
+    open(&mut page, "tracked");
+    page.click("#step-tracked-run");
+    wait(&mut page, &is("tracked", "done"));
+    let output = "document.getElementById('step-tracked-output').textContent";
+    wait(
+        &mut page,
+        &format!("{output}.includes('friction of the winch of cable 4')"),
+    );
+    wait(
+        &mut page,
+        &format!("{output}.includes('3 rests, 3 fitted')"),
     );
 }
 

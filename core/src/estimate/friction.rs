@@ -6,9 +6,12 @@
 //! tenth of a second; a parabola through the drum's way gives speed and acceleration of each, and those in which the
 //! drum turns clearly are averaged.
 //!
+//! Only a gear that rubs clearly shows it: one that loses a tenth more torque than its file says looks the same, in both
+//! directions, so that the standard error grows with the tension over the friction.
+//!
 //! Only winches that are held by tension show it. A drive that follows positions in steps of two milliseconds has a
 //! ripple in its current that grows with the speed, and samples it always at the same moment of these steps: on
-//! `paper-table5` the friction of such winches reads 0 to 3 N instead of 10 (docs/results/winch.md).
+//! `paper-table5` the friction of such winches reads -2 to 4 N instead of 10 (docs/results/winch.md).
 
 use crate::motion::Model;
 use crate::robot::Winch;
@@ -30,8 +33,10 @@ const STRETCH_SHARE: f64 = 0.1;
 const STRETCH_N: f64 = 0.5;
 /// Growth of the standard deviation with time: a tenth within five minutes, in which a gear warms up.
 const DRIFT_PER_SQRT_S: f64 = 0.1 / 17.3;
-/// What all stretches have in common, as a share of the file's friction: efficiency and torque constant of the file.
-const COMMON: f64 = 0.05;
+/// What all stretches have in common: the torque constant of the file, as a share of its friction, and the efficiency of
+/// the file, as a share of the tension: a gear that loses more looks like one that rubs more, in both directions.
+const CONSTANT: f64 = 0.05;
+const EFFICIENCY: f64 = 0.06;
 /// Friction that is planned and configured with, over that of the file: a value beyond is no change of temperature.
 pub const BOUNDS: [f64; 2] = [0.5, 2.0];
 /// Standard error beyond which the file's friction is kept.
@@ -64,6 +69,17 @@ impl Friction {
     }
 }
 
+/// A winch that shows its friction.
+#[derive(Debug, Clone)]
+struct Turning {
+    share: f64,
+    /// Standard error without what all stretches have in common.
+    own_se: f64,
+    /// That, as a share of the file's friction.
+    common_se: f64,
+    stretch: Stretch,
+}
+
 /// Samples of one stretch.
 #[derive(Debug, Clone, Default)]
 struct Stretch {
@@ -76,7 +92,7 @@ struct Stretch {
 /// The frictions of a robot's winches, cable by cable; `None` for those that do not show theirs.
 #[derive(Debug, Clone)]
 pub struct Frictions {
-    cables: Vec<Option<(Friction, Stretch)>>,
+    cables: Vec<Option<Turning>>,
 }
 
 impl Frictions {
@@ -87,13 +103,12 @@ impl Frictions {
         let cables = (0..model.robot().cables.len()).map(|cable| {
             let winch = model.robot().winch_of(cable)?;
             let held = by_tension.contains(&cable);
-            (held && rubs_n(winch) > 0.0).then_some((
-                Friction {
-                    share: 1.0,
-                    share_se: PRIOR,
-                },
-                Stretch::default(),
-            ))
+            (held && rubs_n(winch) > 0.0).then(|| Turning {
+                share: 1.0,
+                own_se: PRIOR,
+                common_se: 0.0,
+                stretch: Stretch::default(),
+            })
         });
         Self {
             cables: cables.collect(),
@@ -104,12 +119,10 @@ impl Frictions {
     pub fn resume(&mut self, kept: &[Option<Friction>], seconds: f64) {
         for (cable, kept) in self.cables.iter_mut().zip(kept) {
             let valid = |found: &&Friction| found.share.is_finite() && found.share_se > 0.0;
-            if let (Some((friction, _)), Some(found)) = (cable, kept.as_ref().filter(valid)) {
+            if let (Some(turning), Some(found)) = (cable, kept.as_ref().filter(valid)) {
                 let drift = DRIFT_PER_SQRT_S * seconds.max(0.0).sqrt();
-                *friction = Friction {
-                    share: found.share,
-                    share_se: found.share_se.hypot(drift).min(PRIOR),
-                };
+                turning.share = found.share;
+                turning.own_se = found.share_se.hypot(drift).min(PRIOR);
             }
         }
     }
@@ -117,8 +130,14 @@ impl Frictions {
     /// What is known, cable by cable.
     #[must_use]
     pub fn all(&self) -> Vec<Option<Friction>> {
-        let of = |cable: &Option<(Friction, Stretch)>| cable.as_ref().map(|(found, _)| *found);
-        self.cables.iter().map(of).collect()
+        let of = |turning: &Turning| Friction {
+            share: turning.share,
+            share_se: turning.own_se.hypot(turning.common_se),
+        };
+        self.cables
+            .iter()
+            .map(|cable| cable.as_ref().map(of))
+            .collect()
     }
 
     /// Friction to use over that of the file, cable by cable.
@@ -139,9 +158,10 @@ impl Frictions {
         currents_a: &[f64],
     ) {
         for (index, cable) in self.cables.iter_mut().enumerate() {
-            let Some((friction, stretch)) = cable else {
+            let Some(turning) = cable else {
                 continue;
             };
+            let stretch = &mut turning.stretch;
             let values = (
                 lengths_m.get(index),
                 tensions_n.get(index),
@@ -168,22 +188,22 @@ impl Frictions {
             let whole = std::mem::take(stretch);
             stretch.last_tick = Some(tick);
             if let Some(rubs_n) = measured_n(winch, &whole) {
-                friction.learn(rubs_n, self::rubs_n(winch));
+                turning.learn(rubs_n, self::rubs_n(winch), whole.tension_n);
             }
         }
     }
 }
 
-impl Friction {
-    /// One more stretch with this friction, N, of a winch with `file_n`.
-    fn learn(&mut self, rubs_n: f64, file_n: f64) {
-        let own = (self.share_se * self.share_se - COMMON * COMMON).max(1e-9);
+impl Turning {
+    /// One more stretch with this friction and this tension, N, of a winch with `file_n`.
+    fn learn(&mut self, rubs_n: f64, file_n: f64, tension_n: f64) {
         let drift = DRIFT_PER_SQRT_S * DRIFT_PER_SQRT_S * STRETCH as f64 * 1e-3;
-        let before = own + drift;
+        let before = self.own_se * self.own_se + drift;
         let noise = (STRETCH_N / file_n).max(STRETCH_SHARE).powi(2);
         let gain = before / (before + noise);
         self.share += gain * (rubs_n / file_n - self.share);
-        self.share_se = ((1.0 - gain) * before).sqrt().hypot(COMMON);
+        self.own_se = ((1.0 - gain) * before).sqrt();
+        self.common_se = CONSTANT.hypot(EFFICIENCY * tension_n.abs() / file_n);
     }
 }
 
@@ -288,6 +308,22 @@ mod tests {
     }
 
     #[test]
+    fn a_light_gear_under_a_large_tension_does_not_show_its_friction() {
+        // 2 N of friction under 25 N: a tenth of its loss is as much.
+        let mut robot = Robot::built_in("paper-table5").unwrap();
+        for winch in &mut robot.winches {
+            let gear = winch.gear.as_mut().unwrap();
+            (gear.rotor_friction_nm, gear.gear_friction_nm) = (6e-5, 5e-5);
+        }
+        let model = Model::new(&robot).unwrap();
+        let mut frictions = Frictions::new(&model);
+        work(&mut frictions, &model, 1.4, 20);
+        let found = frictions.all()[3].unwrap();
+        assert!((found.share - 1.4).abs() < 0.1, "{found:?}");
+        assert!(found.share_se > 0.2 && found.used() == 1.0, "{found:?}");
+    }
+
+    #[test]
     fn what_is_used_stays_within_its_bounds_and_a_drum_at_rest_teaches_nothing() {
         let model = model();
         let mut frictions = Frictions::new(&model);
@@ -313,7 +349,11 @@ mod tests {
             frictions.resume(kept, seconds);
             frictions
         };
-        assert_eq!(resumed(&kept, 0.0).all(), kept);
+        assert_eq!(
+            resumed(&kept, 0.0).all()[3].unwrap().share,
+            kept[3].unwrap().share
+        );
+        assert!(resumed(&kept, 0.0).used()[3] > 1.5);
         // A day later the gear is cold again, or not: the file's value is as good.
         assert_eq!(resumed(&kept, 86_400.0).used(), [1.0; 4]);
         let broken = Friction {

@@ -39,6 +39,8 @@ pub(super) enum Kind {
     Numbers(usize),
     /// A file to read, or another text.
     Text,
+    /// The same, as a word alone.
+    Name,
     /// A file to write, beside the program: a plain name with this ending.
     File(&'static str),
 }
@@ -55,7 +57,7 @@ pub(super) enum How {
 }
 
 use How::{Itself, Named, Word};
-use Kind::{Choice, File, Flag, Number, Numbers, Text};
+use Kind::{Choice, File, Flag, Name, Number, Numbers, Text};
 
 const fn opt(name: &'static str, label: &'static str, kind: Kind, default: &'static str) -> Opt {
     Opt {
@@ -332,6 +334,49 @@ pub(super) const STEPS: &[Step] = &[
         live: false,
     },
     Step {
+        id: "track",
+        tab: "setup",
+        title: "Work and track changes",
+        purpose: "Does a task again and again, takes note of every rest, and plans by what it learns: creep, sensors, knocks, friction.",
+        moves: "The robot arms and does the task as many times as you ask for.",
+        words: &["run", "--track"],
+        options: &[
+            opt("task", "Task: a name, or a file", Name, "fitting"),
+            opt("laps", "Times", Number(1.0, 10_000.0, true, Named), "3"),
+            opt(
+                "look",
+                "Look at tags of known places at every rest",
+                Flag,
+                "",
+            ),
+            CAMERA,
+        ],
+        live: true,
+    },
+    Step {
+        id: "tracked",
+        tab: "setup",
+        title: "What was tracked",
+        purpose: "Shows the tracked state of a robot on a port and its history; uses an earlier state again, or begins anew.",
+        moves: "",
+        words: &["track"],
+        options: &[
+            opt(
+                "back-to",
+                "Use the state with this number of the history",
+                Number(1.0, 1e6, true, Named),
+                "",
+            ),
+            opt(
+                "forget",
+                "Begin anew; the state in use is kept in the history",
+                Flag,
+                "",
+            ),
+        ],
+        live: false,
+    },
+    Step {
         id: "pick",
         tab: "pick",
         title: "Pick",
@@ -427,7 +472,7 @@ impl Opt {
                 json!({ "kind": "number", "least": least, "most": most, "whole": whole })
             }
             Numbers(count) => json!({ "kind": "numbers", "count": count }),
-            Text | File(_) => json!({ "kind": "text" }),
+            Text | Name | File(_) => json!({ "kind": "text" }),
         };
         if let (Some(all), Value::Object(rest)) = (listed.as_object_mut(), rest) {
             all.extend(rest);

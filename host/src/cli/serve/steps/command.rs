@@ -209,6 +209,7 @@ impl Opt {
         }
         let how = match self.kind {
             Kind::Choice(_, how) | Kind::Number(.., how) => how,
+            Kind::Name => How::Word,
             _ => How::Named,
         };
         if text.is_empty() {
@@ -257,7 +258,7 @@ impl Opt {
                 }
             }
             // It would be taken for an option.
-            Kind::Text if text.starts_with('-') => {
+            Kind::Text | Kind::Name if text.starts_with('-') => {
                 return wrong(format!("{text} begins with a dash"));
             }
             _ => {}
@@ -316,6 +317,9 @@ mod tests {
         assert_eq!(rig.words[..3], ["rig", "lower", "--robot"]);
         let home = of("home", &json!({ "at": "10 -20.5, 3" }), "sim").unwrap();
         assert_eq!(home.words[..5], ["home", "--at", "10", "-20.5", "3"]);
+        let track = of("track", &json!({ "laps": 5, "look": true }), "sim").unwrap();
+        let words = ["run", "--track", "fitting", "--laps", "5", "--look"];
+        assert_eq!(track.words[..6], words);
         // The seed of a scene stands for the server's.
         let pick = of(
             "pick",
@@ -363,6 +367,8 @@ mod tests {
             ("rig", json!({ "what": "dance" }), "none of"),
             ("home", json!({ "at": "1 2" }), "3 numbers"),
             ("verify", json!({ "poses": "--out" }), "dash"),
+            ("track", json!({ "task": "--out" }), "dash"),
+            ("track", json!({ "laps": 0 }), "from 1 to"),
             ("verify", json!({ "poses": "a\nb" }), "characters"),
             ("doctor", json!({ "arm": "yes" }), "neither"),
             ("doctor", json!({ "yes": true }), "no option yes"),
