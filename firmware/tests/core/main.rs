@@ -27,6 +27,7 @@ mod motion;
 mod requests;
 mod segment;
 mod server;
+mod speed_output;
 mod stops;
 mod support;
 mod tension;

@@ -12,7 +12,7 @@ fn healthy(tick: u32) -> CableView {
         tension_mn: 10_000,
         expected_mn: 10_000,
         floor_mn: 500,
-        ceiling_mn: 35_000,
+        ceiling_mn: 34_000,
         length_error_max: 10_000,
         feedback_timeout_ms: 10,
         ..CableView::default()
@@ -20,7 +20,7 @@ fn healthy(tick: u32) -> CableView {
 }
 
 /// Ticks of a condition until its fault, after a normal period; the first tick counts as 1.
-fn ticks_until(change: fn(&mut CableView)) -> (u32, FaultId, i32, i32) {
+fn ticks_until(change: impl Fn(&mut CableView)) -> (u32, FaultId, i32, i32) {
     let mut watch = CableWatch::default();
     for tick in 0..500 {
         assert_eq!(watch.update(&healthy(tick)), None, "healthy");
@@ -181,12 +181,25 @@ fn s9_noise_is_advice() {
     assert!(noise(500));
 }
 
+/// The ceiling is the cable's own: a constant of one robot would pass with one value.
 #[test]
-fn c2_over_tension_fires_after_2_ticks() {
-    assert_eq!(
-        ticks_until(|v| v.tension_mn = 35_001),
-        (2, FaultId::C2, 35_001, 35_000)
-    );
+fn c2_over_tension_fires_after_2_ticks_whatever_the_ceiling_is() {
+    for ceiling_mn in [5000, 12_000, 20_000, 34_000, 200_000] {
+        let over = ticks_until(|v| {
+            v.ceiling_mn = ceiling_mn;
+            v.tension_mn = ceiling_mn + 1;
+        });
+        assert_eq!(over, (2, FaultId::C2, ceiling_mn + 1, ceiling_mn));
+        let mut watch = CableWatch::default();
+        for tick in 0..500 {
+            let view = CableView {
+                ceiling_mn,
+                tension_mn: ceiling_mn,
+                ..healthy(tick)
+            };
+            assert_eq!(watch.update(&view), None, "at {ceiling_mn}");
+        }
+    }
 }
 
 #[test]
@@ -351,7 +364,7 @@ fn at_its_limit_nothing_fires() {
     let mut watch = CableWatch::default();
     for tick in 0..1000 {
         let view = CableView {
-            tension_mn: if tick < 500 { 500 } else { 35_000 },
+            tension_mn: if tick < 500 { 500 } else { 34_000 },
             length_error: 10_000,
             motor_error: 10_000,
             feedback_age_ms: 9,
