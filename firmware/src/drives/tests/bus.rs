@@ -109,17 +109,25 @@ fn search(
     panic!("the search does not end");
 }
 
+/// The function 0xF of an RMDS: whether it is there.
+fn asks_rmds(id: u16, _: &[u8]) -> Option<u8> {
+    let node = u8::try_from(id >> 4).ok()?;
+    (id & 0xF == 0xF).then_some(node)
+}
+
+fn rmds_answers(node: u8) -> (u16, [u8; 8]) {
+    (u16::from(node) << 4 | 0xF, [0x55; 8])
+}
+
 fn every_number() -> List<u8> {
     (1..=126).collect()
 }
 
 #[test]
 fn a_search_asks_every_number_once_and_finds_the_rmds_that_answer() {
-    let asked = |id: u16, _: &[u8]| (id & 0xF == 0xF).then(|| (id >> 4) as u8);
-    let answer = |node: u8| (u16::from(node) << 4 | 0xF, [0x55; 8]);
     // Group times 16 and number, which is never 0.
     let nodes = [1, 3, 14, 31, 33, 65, 126];
-    let (ticks, numbers, found) = search(DriveKind::Rmds, &nodes, 1, asked, answer);
+    let (ticks, numbers, found) = search(DriveKind::Rmds, &nodes, 1, asks_rmds, rmds_answers);
     assert_eq!(numbers, every_number());
     assert_eq!(found, nodes);
     // One number a tick, the first in tick 0, and 50 ms for the last answers.
@@ -128,10 +136,8 @@ fn a_search_asks_every_number_once_and_finds_the_rmds_that_answer() {
 
 #[test]
 fn a_search_on_a_full_bus_asks_no_number_less() {
-    let asked = |id: u16, _: &[u8]| (id & 0xF == 0xF).then(|| (id >> 4) as u8);
-    let answer = |node: u8| (u16::from(node) << 4 | 0xF, [0x55; 8]);
     // Room in every second tick, until the drives take it for their own frames: they come after the search.
-    let (_, numbers, found) = search(DriveKind::Rmds, &[2, 40], 2, asked, answer);
+    let (_, numbers, found) = search(DriveKind::Rmds, &[2, 40], 2, asks_rmds, rmds_answers);
     assert_eq!((numbers, found), (every_number(), std::vec![2, 40]));
 }
 
@@ -140,7 +146,8 @@ fn a_search_finds_drives_of_the_profile_and_no_other_devices() {
     // An upload of the device type, 0x1000.
     let asked = |id: u16, data: &[u8]| {
         let asks = data == [0x40, 0x00, 0x10, 0, 0, 0, 0, 0];
-        (asks && id & 0x780 == 0x600).then_some((id & 0x7F) as u8)
+        let node = u8::try_from(id & 0x7F).ok()?;
+        (asks && id & 0x780 == 0x600).then_some(node)
     };
     // Profile 402; node 7 is an input module of profile 401, node 9 answers another question.
     let answer = |node: u8| {
