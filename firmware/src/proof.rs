@@ -311,4 +311,40 @@ mod tests {
             }
         }
     }
+
+    /// The push is wanted and no more: behind late feedback a drive would swing beyond it, and back towards the load.
+    #[test]
+    fn a_force_builds_up_to_its_push_without_swinging_beyond_it() {
+        const LATE: usize = 5;
+        let config = CableConfig {
+            control: Control::Tension,
+            // 20 mA per N, as on the paper's robot.
+            current_per_force_q32: (1 << 32) / 50,
+            friction_mn: 500,
+            four_counts: 1200,
+            ..CableConfig::NOTHING
+        };
+        for load_mn in [1000, 6000, 10_000, 20_000] {
+            // Half of the load beyond it, an eighth, and friction.
+            let more = load_mn / 2;
+            let more = more.max(1000);
+            let wanted = load_mn + more + (load_mn + more) / 8 + 500;
+            let mut proof = Proof::default();
+            let mut releases = std::vec![0; LATE];
+            while {
+                let seen = releases[releases.len() - LATE];
+                let now = crate::fixed::saturate_i16((load_mn - seen) / 50);
+                proof.tick(&config, 0, now, load_mn, true) == Verdict::Pending
+            } {
+                releases.push(proof.relief());
+                assert!(releases.len() < 460, "{load_mn} mN: not in time");
+            }
+            let most = releases.iter().max().copied().unwrap();
+            // Three steps of the current that a drive reports.
+            assert!(
+                most.abs_diff(wanted) <= 60,
+                "{load_mn} mN: {most} of {wanted}"
+            );
+        }
+    }
 }
