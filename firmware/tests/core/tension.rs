@@ -333,6 +333,34 @@ fn the_law_changes_beyond_floor_and_ceiling_and_not_at_them() {
     }
 }
 
+/// The noise of its sensor is below zero in every second tick: a free end must not be reeled in for it.
+#[test]
+fn a_cable_without_a_floor_is_never_slack() {
+    for floor_mn in [0, 500] {
+        let by_force = CableConfig {
+            floor_mn,
+            ..config(&DEFAULT)
+        };
+        let by_speed = CableConfig {
+            floor_mn,
+            ..speed_config(&DEFAULT)
+        };
+        for measured_mn in [-1, -300] {
+            let demand = Demand {
+                setpoint_mn: 3000,
+                measured_mn,
+                ..Demand::default()
+            };
+            let speed_umps = TensionLoop::at(measured_mn).update_speed(&by_speed, &demand);
+            assert_eq!(speed_umps == -10_000, floor_mn > 0, "{speed_umps}");
+            // 1 N of friction and damping is what would reel it in.
+            let force_mn = -50 * TensionLoop::at(measured_mn).update(&by_force, &demand);
+            let led = (force_mn - measured_mn - 1000).abs() <= 25;
+            assert_eq!(led, floor_mn > 0, "{force_mn}");
+        }
+    }
+}
+
 #[test]
 fn a_strong_gear_keeps_the_currents_resolution() {
     // 371:1 on a 20 mm drum: 900 N/A, and loads to match.
