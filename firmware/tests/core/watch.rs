@@ -3,7 +3,7 @@
 use crate::support::{Bench, adc_of};
 use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_firmware::watch::{CableView, CableWatch, Persist};
-use mcdpr_firmware::{Brake, State};
+use mcdpr_firmware::{Brake, Inputs, State};
 use mcdpr_protocol::FaultId;
 
 fn healthy(tick: u32) -> CableView {
@@ -110,6 +110,36 @@ fn c1_c3_a_cable_that_the_broken_one_unloads_is_not_reported() {
     bench.run(150);
     let record = bench.server.controller().fault().unwrap();
     assert_eq!((record.fault, record.cable), (FaultId::C3, 2));
+}
+
+/// A cable that breaks loads others: a rise after it is no snag. A rise that came with it may have broken it.
+#[test]
+fn c2_a_rise_that_begins_after_a_break_is_its_consequence_and_one_that_comes_with_it_is_not() {
+    type Tamper = fn(&mut Inputs<4>);
+    let falls: Tamper = |i| i.tension_adc[1] = adc_of(100) + i.encoders[0] % 5;
+    let rises: Tamper = |i| {
+        i.tension_adc[1] = adc_of(100) + i.encoders[0] % 5;
+        i.tension_adc[2] = adc_of(16_000) + i.encoders[0] % 5;
+    };
+    let rises_more: Tamper = |i| {
+        i.tension_adc[1] = adc_of(100) + i.encoders[0] % 5;
+        i.tension_adc[2] = adc_of(23_000) + i.encoders[0] % 5;
+    };
+    for (ticks, fault) in [
+        (&[rises, rises_more][..], Some(FaultId::C2)),
+        // A tick apart counts as the same moment.
+        (&[falls, rises, rises_more], Some(FaultId::C2)),
+        (&[falls, falls, rises, rises_more], None),
+        (&[falls, falls, falls, falls, rises, rises_more], None),
+    ] {
+        let mut bench = Bench::moving(4000, 500);
+        for tamper in ticks {
+            assert_eq!(bench.fault(), None);
+            bench.tamper = *tamper;
+            bench.step();
+        }
+        assert_eq!(bench.fault(), fault);
+    }
 }
 
 #[test]
@@ -357,6 +387,12 @@ fn d2_and_d3_fire_at_once() {
     assert_eq!(ticks_until(|v| v.drive_fault = true).0, 1);
     let lost = ticks_until(|v| v.feedback_age_ms = 10);
     assert_eq!(lost, (1, FaultId::D3, 10, 10));
+    // A drive that reported its fault and fell silent: the fault is the cause.
+    let both = ticks_until(|v| {
+        v.drive_fault = true;
+        v.feedback_age_ms = 10;
+    });
+    assert_eq!((both.0, both.1), (1, FaultId::D2));
 }
 
 #[test]
