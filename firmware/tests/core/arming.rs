@@ -1,6 +1,6 @@
 use crate::support::{
-    ARMING_MS, Bench, CABLES, ENABLE_MS, MOTOR_COUNTS, START, TENSION_MN, adc_of, build, entries,
-    entries_with,
+    ARMING_MS, BRAKE_MS, Bench, CABLES, ENABLE_MS, MOTOR_COUNTS, START, TENSION_MN, adc_of, build,
+    entries, entries_with,
 };
 use mcdpr_firmware::{Brake, DriveDemand, Inputs, State};
 use mcdpr_protocol::{
@@ -398,4 +398,24 @@ fn c1_four_ticks_below_the_floor_do_not_abort_arming() {
     bench.tamper = |_| {};
     bench.until(State::Holding, 2000);
     assert_eq!(bench.fault(), None);
+}
+
+/// Brakes that never opened hold what they held: nothing has to calm down before the torque goes.
+#[test]
+fn a_stop_while_brakes_are_tested_takes_the_torque_off_after_a_brakes_time_and_150_ms() {
+    // Drives are ready after 5 ticks, give torque for 30, and push for 200.
+    for after in [20, 40, 100] {
+        let mut bench = Bench::ready();
+        bench.arm().unwrap();
+        bench.run(after);
+        assert!(bench.any_torque() && bench.all_brakes(Brake::Closed));
+        bench.stop(mcdpr_protocol::StopKind::Stop);
+        let most = BRAKE_MS + 150 + 5;
+        for _ in 0..most {
+            bench.step();
+            assert!(bench.all_brakes(Brake::Closed));
+        }
+        assert!(!bench.any_torque(), "{after}");
+        assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
+    }
 }
