@@ -132,6 +132,50 @@ fn c2_ends_the_path_at_once_and_reels_nothing_in() {
     assert!(bench.all_brakes(Brake::Closed));
 }
 
+/// How fast the third cable is let out at these tensions after C2, 0.1 µm per tick.
+fn let_out(ceiling_mn: i32, tampers: &[fn(&mut Inputs<CABLES>)]) -> Vec<f64> {
+    let key = ConfigKey::cable(2, CableKey::TensionCeiling);
+    let speed = |tamper: &fn(&mut Inputs<CABLES>)| {
+        let mut bench = Bench::moving_with(&entries_with(key, ceiling_mn), 500);
+        bench.tamper = |i| i.tension_adc[2] = adc_of(35_000) + i.tension_adc[0] % 7;
+        bench.run(3);
+        assert_eq!(bench.fault(), Some(FaultId::C2));
+        bench.tamper = *tamper;
+        bench.run(20);
+        let before = bench.status().setpoints[2].0;
+        bench.run(20);
+        f64::from(bench.status().setpoints[2].0 - before) / 20.0
+    };
+    tampers.iter().map(speed).collect()
+}
+
+#[test]
+fn c2_a_cable_is_let_out_the_faster_the_further_it_is_above_three_quarters_of_its_ceiling() {
+    let speeds = let_out(
+        34_000,
+        &[
+            |i| i.tension_adc[2] = adc_of(25_000) + i.tension_adc[0] % 7,
+            |i| i.tension_adc[2] = adc_of(26_500) + i.tension_adc[0] % 7,
+            |i| i.tension_adc[2] = adc_of(27_500) + i.tension_adc[0] % 7,
+        ],
+    );
+    assert!(speeds[0] == 0.0 && speeds[1] > 1.0, "{speeds:?}");
+    assert!((speeds[2] / speeds[1] - 2.0).abs() < 0.2, "{speeds:?}");
+}
+
+#[test]
+fn c2_a_cable_whose_plan_is_above_three_quarters_of_its_ceiling_is_let_out_to_its_plan() {
+    // The plan is 10 N, three quarters are 9 N.
+    let speeds = let_out(
+        12_000,
+        &[
+            |i| i.tension_adc[2] = adc_of(9500) + i.tension_adc[0] % 7,
+            |i| i.tension_adc[2] = adc_of(11_000) + i.tension_adc[0] % 7,
+        ],
+    );
+    assert!(speeds[0] == 0.0 && speeds[1] > 1.0, "{speeds:?}");
+}
+
 /// Parked after a motion's worth of torque; longer than drums take to rest.
 fn parked() -> Bench {
     let mut bench = Bench::holding();
