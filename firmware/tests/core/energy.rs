@@ -160,6 +160,8 @@ fn c2_a_cable_is_let_out_the_faster_the_further_it_is_above_three_quarters_of_it
         ],
     );
     assert!(speeds[0] == 0.0 && speeds[1] > 1.0, "{speeds:?}");
+    // 2.5 mm/s for a newton.
+    assert!((22.5..28.0).contains(&speeds[1]), "{speeds:?}");
     assert!((speeds[2] / speeds[1] - 2.0).abs() < 0.2, "{speeds:?}");
 }
 

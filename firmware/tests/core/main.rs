@@ -24,6 +24,7 @@ mod energy;
 mod fault_line;
 mod link_loss;
 mod motion;
+mod reports;
 mod requests;
 mod segment;
 mod server;
