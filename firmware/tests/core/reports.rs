@@ -37,6 +37,9 @@ fn a_status_has_what_the_board_measures_and_does() {
         assert!(cable == 3 || off < 2000, "{cable}: {off}");
     }
     let tensions: Vec<_> = status.tensions.iter().map(|tension| tension.0).collect();
+    // An empty list would agree with anything.
+    let counts = [status.setpoints.len(), status.lengths.len(), tensions.len()];
+    assert_eq!(counts, [4; 3]);
     let expected = [TENSION_MN, TENSION_MN, TENSION_MN + 3500, TENSION_MN];
     for (found, expected) in tensions.iter().zip(expected) {
         assert!((found - expected).abs() < 20, "{tensions:?}");
