@@ -246,6 +246,10 @@ mod tests {
             (saturate(-7), saturate(1 << 31), saturate(-1 << 40)),
             (-7, i32::MAX, i32::MIN)
         );
+        assert_eq!(
+            [-7, 40_000, -40_000].map(saturate_i16),
+            [-7, i16::MAX, i16::MIN]
+        );
     }
 
     #[test]

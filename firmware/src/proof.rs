@@ -257,14 +257,18 @@ mod tests {
         for began in [0, 100, 1000, 2500, 3400] {
             let mut proof = Proof::default();
             let (mut at, mut way, mut farthest) = (began, 0, began);
-            let mut ticks = 0;
+            let (mut ticks, mut turned_at) = (0, 0);
             loop {
                 let now = crate::fixed::saturate_i16(current_ma(at, way));
                 let verdict = proof.tick(&config, 0, now, LOAD_MN, true);
                 let to = began + proof.relief();
                 (way, at) = (to - at, to);
-                farthest = farthest.max(at);
                 ticks += 1;
+                farthest = farthest.max(at);
+                // The push swings by some micrometres.
+                if at >= farthest - 200 {
+                    turned_at = ticks;
+                }
                 if verdict == Verdict::Holds {
                     break;
                 }
@@ -273,9 +277,74 @@ mod tests {
             // It pushed against the brake, and came back.
             assert!(farthest > PLAY, "{began}: {farthest}");
             assert_eq!(at, began + proof.take_carried(), "not taken back");
+            // Back to where it was at 5 mm/s, and on at 1 mm/s.
+            let back = (farthest - began) / 50 + (began - at) / 10;
+            assert!(ticks - turned_at <= back + 20, "{began}: {ticks}");
             // Wound up by the load or somewhat more, never in the play.
             assert!((-600..=-100).contains(&at), "{began}: ends at {at}");
             assert_eq!(proof.relief(), 0);
+        }
+    }
+
+    /// A drum may turn by the play between it and its brake, and by what its encoder cannot tell from rest.
+    #[test]
+    fn b2_a_drum_within_its_brakes_play_has_not_slipped() {
+        for (brake_play, most) in [(0, 1200), (500, 1700), (3000, 4200)] {
+            let config = CableConfig {
+                current_per_force_q32: (1 << 32) / 1000,
+                four_counts: 1200,
+                brake_play,
+                ..CableConfig::NOTHING
+            };
+            for way in [1, -1] {
+                let mut proof = Proof::default();
+                let from = 7000;
+                assert_eq!(proof.tick(&config, from, 0, 12_000, true), Verdict::Pending);
+                for turned in [1, 1200, most] {
+                    let length = from + way * turned;
+                    let verdict = proof.tick(&config, length, 0, 12_000, true);
+                    assert_eq!(verdict, Verdict::Pending, "{turned} of {most}");
+                }
+                let beyond = way * (most + 1);
+                let verdict = proof.tick(&config, from + beyond, 0, 12_000, true);
+                assert_eq!(verdict, Verdict::Slips(beyond));
+            }
+        }
+    }
+
+    /// The push is wanted and no more: behind late feedback a drive would swing beyond it, and back towards the load.
+    #[test]
+    fn a_force_builds_up_to_its_push_without_swinging_beyond_it() {
+        const LATE: usize = 5;
+        let config = CableConfig {
+            control: Control::Tension,
+            // 20 mA per N, as on the paper's robot.
+            current_per_force_q32: (1 << 32) / 50,
+            friction_mn: 500,
+            four_counts: 1200,
+            ..CableConfig::NOTHING
+        };
+        for load_mn in [1000, 6000, 10_000, 20_000] {
+            // Half of the load beyond it, an eighth, and friction.
+            let more = load_mn / 2;
+            let more = more.max(1000);
+            let wanted = load_mn + more + (load_mn + more) / 8 + 500;
+            let mut proof = Proof::default();
+            let mut releases = std::vec![0; LATE];
+            while {
+                let seen = releases[releases.len() - LATE];
+                let now = crate::fixed::saturate_i16((load_mn - seen) / 50);
+                proof.tick(&config, 0, now, load_mn, true) == Verdict::Pending
+            } {
+                releases.push(proof.relief());
+                assert!(releases.len() < 460, "{load_mn} mN: not in time");
+            }
+            let most = releases.iter().max().copied().unwrap();
+            // Three steps of the current that a drive reports.
+            assert!(
+                most.abs_diff(wanted) <= 60,
+                "{load_mn} mN: {most} of {wanted}"
+            );
         }
     }
 }

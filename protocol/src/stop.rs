@@ -181,6 +181,15 @@ mod tests {
                 assert_eq!(found(&damaged), [], "byte {at}, bit {bit}");
             }
         }
+        // Bytes that a longer frame has in its middle do not make its ends a stop.
+        let whole = frame(u32::MAX, u16::MAX, Request::Stop(StopKind::Stop));
+        for extra in 1..40 {
+            for at in 1..whole.len() - 1 {
+                let (head, tail) = whole.split_at(at);
+                let longer = [head, &[7; 40][..extra], tail].concat();
+                assert_eq!(found(&longer), [], "{extra} at {at}");
+            }
+        }
         // A byte too many, and one too few.
         assert_eq!(found(&[&[3][..], &bytes].concat()), []);
         assert_eq!(found(&bytes[1..]), []);

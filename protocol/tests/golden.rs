@@ -14,7 +14,8 @@
 mod common;
 
 use common::{Message, hex, messages, rejects, replies, requests, unhex};
-use mcdpr_protocol::message::decode;
+use mcdpr_protocol::frame::MAX_FRAME;
+use mcdpr_protocol::message::{decode, decode_command, encode_answer, encode_status};
 use mcdpr_protocol::*;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -79,6 +80,30 @@ fn golden_bytes_decode_to_their_messages() {
             }
             _ => panic!("{name} came on {channel:?}"),
         }
+    }
+}
+
+/// A board encodes and decodes by functions of its own, for size.
+#[test]
+fn a_boards_encoders_and_decoder_agree_with_the_golden_bytes() {
+    for (name, message) in messages() {
+        let golden = message.frame();
+        let mut out = [0xA5; MAX_FRAME];
+        let used = match &message {
+            Message::Answer(answer) => encode_answer(answer, &mut out),
+            Message::Status(status) => encode_status(status, &mut out),
+            Message::Samples(block) => block.encode(&mut out),
+            Message::Command(command) => {
+                let mut deframer = Deframer::new();
+                let (last, rest) = golden.split_last().unwrap();
+                assert!(rest.iter().all(|byte| deframer.push(*byte).is_none()));
+                let (_, body) = deframer.push(*last).unwrap().unwrap();
+                assert_eq!(decode_command(body).as_ref(), Some(command), "{name}");
+                continue;
+            }
+            Message::Hello(_) | Message::HelloQuery => continue,
+        };
+        assert_eq!(&out[..used.unwrap()], &golden[..], "{name}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! Wire units to SI and back.
 
 use mcdpr_protocol::{
-    Micrometres, MicrometresPerSecond, Milliamps, Millinewtons, TenthMicrometres,
+    Knot, Micrometres, MicrometresPerSecond, Milliamps, Millinewtons, TenthMicrometres,
 };
 use proptest::prelude::*;
 
@@ -50,5 +50,16 @@ proptest! {
     fn rounding_is_that_of_the_standard_library(value in -3e3..3e3_f64) {
         prop_assert_eq!(Micrometres::from_metres(value).0, rounded(value * 1e6));
         prop_assert_eq!(TenthMicrometres::from_metres(value * 0.1).0, rounded(value * 0.1 * 1e7));
+    }
+}
+
+#[test]
+fn the_times_of_knots_are_milliseconds() {
+    let at = |time_ms| Knot {
+        time_ms,
+        ..Knot::default()
+    };
+    for (time_ms, time_s) in [(0, 0.0), (1, 0.001), (2500, 2.5), (u32::MAX, 4_294_967.295)] {
+        assert!((at(time_ms).time_s() - time_s).abs() < 1e-9, "{time_ms}");
     }
 }

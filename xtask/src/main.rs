@@ -3,6 +3,7 @@
 mod features;
 mod firmware;
 mod functions;
+mod mutants;
 mod playground;
 mod programs;
 mod public;
@@ -32,6 +33,8 @@ study faults  faults in every phase of work, measured from the injection (--robo
 study invariants  ten thousand runs with random faults on random robots (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
 study own-frame  three frames from a few answers to a calibrated robot that picks (--runs N, --seed N)
+study mutants  small changes of the control core or the protocol that its tests must notice, with cargo-mutants, which
+            it installs (--package firmware|protocol, --sample N, --seed N; some 10 s per mutant)
 schematic   writes docs/board.kicad_sch from docs/board.net; --erc: KiCad (kicad-cli) checks its electrical rules
 screenshots draws docs/images/*.png: the page on the simulator, in a real browser
 seams       no ring of modules, no public item unused outside its crate; no dependency is built twice for the
@@ -90,6 +93,7 @@ fn study() -> Result<(), String> {
         Some(("faults", options)) => ("mcdpr-twin", "fault_survey", options),
         Some(("invariants", options)) => ("mcdpr", "fault_study", options),
         Some(("planning", options)) => ("mcdpr-tests", "planning_study", options),
+        Some(("mutants", options)) => return mutants::study(options),
         // It starts the program.
         Some(("own-frame", options)) => return built_with_program("own_frame_study", options),
         _ => return Err(USAGE.to_owned()),

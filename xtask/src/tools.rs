@@ -7,6 +7,33 @@ use std::process::{Command, Stdio};
 /// Foreign readers of the program's files: of records, and of plots.
 const READERS: [(&str, &str); 2] = [("mcap", "mcap>=1.2,<2"), ("pypdf", "pypdf>=5,<7")];
 
+/// The version of cargo-mutants: another one makes other mutants, and a seed would draw others.
+const MUTANTS: &str = "27.1.0";
+
+/// Makes sure that this version of cargo-mutants is there, below the target folder; gives its program.
+pub(crate) fn ensure_mutants() -> Result<PathBuf, String> {
+    let folder = target().join("tools");
+    let program = folder.join("bin").join("cargo-mutants");
+    let found = || {
+        let output = Command::new(&program)
+            .args(["mutants", "--version"])
+            .output();
+        output.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).contains(MUTANTS))
+    };
+    if found() {
+        return Ok(program);
+    }
+    run(Command::new(crate::cargo_program())
+        .args(["install", "cargo-mutants", "--locked", "--version", MUTANTS])
+        .args(["--root".as_ref(), folder.as_os_str()]))?;
+    if found() {
+        return Ok(program);
+    }
+    Err(format!(
+        "xtask: cargo-mutants {MUTANTS} does not start after its installation"
+    ))
+}
+
 /// Makes sure that there is a Chromium for the tests of the live page.
 pub(crate) fn ensure_browser() -> Result<(), String> {
     let found = || {

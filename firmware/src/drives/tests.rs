@@ -185,5 +185,6 @@ fn hex(frames: &[(u16, Vec<u8, 8>)]) -> std::vec::Vec<std::string::String> {
 const OFF: [DriveDemand; 2] = [DriveDemand::Off; 2];
 const ENABLE: [DriveDemand; 2] = [DriveDemand::EnablePosition, DriveDemand::EnableCurrent];
 
+mod bus;
 mod cia402;
 mod rmds;

@@ -1,4 +1,7 @@
-use crate::support::{Bench, CABLES, ENABLE_MS, START, TENSION_MN, adc_of};
+use crate::support::{
+    ARMING_MS, BRAKE_MS, Bench, CABLES, ENABLE_MS, MOTOR_COUNTS, START, TENSION_MN, adc_of, build,
+    entries, entries_with,
+};
 use mcdpr_firmware::{Brake, DriveDemand, Inputs, State};
 use mcdpr_protocol::{
     CableKey, ConfigKey, FaultId, Millinewtons, PerCable, Reject, Reply, Request, TenthMicrometres,
@@ -150,6 +153,81 @@ fn s10_s7_s8_a_sensor_that_is_off_aborts_arming_and_the_brakes_never_open() {
     // Within 2 N of what the static model expects.
     let fine = abort(|i| i.tension_adc[2] = adc_of(11_900) + i.tension_adc[2] % 7);
     assert_eq!(fine, (None, 0, true));
+}
+
+/// What the third cable reads, and what the host expects there: whether arming refuses it.
+fn is_off(adc: u16, expected: fn(i32) -> i32) -> bool {
+    let config = build(&entries()).unwrap();
+    let reads_mn = mcdpr_firmware::tension::measured_mn(&config.cables[2], adc);
+    let mut bench = Bench::ready();
+    bench.tamper = match adc {
+        20_000 => |i| i.tension_adc[2] = 20_000,
+        30_000 => |i| i.tension_adc[2] = 30_000,
+        _ => |i| i.tension_adc[2] = 50_000,
+    };
+    let tensions = [TENSION_MN, TENSION_MN, expected(reads_mn), TENSION_MN];
+    bench
+        .request(Request::Reference {
+            lengths: PerCable::collect([TenthMicrometres(START); CABLES]),
+            tensions: PerCable::collect(tensions.map(Millinewtons)),
+        })
+        .unwrap();
+    bench.arm().unwrap();
+    // Drives enable first.
+    bench.run(20);
+    let off = bench.fault() == Some(FaultId::S10);
+    assert!(off || bench.fault().is_none(), "{:?}", bench.fault());
+    off
+}
+
+#[test]
+fn s10_a_tension_may_be_off_by_2_n_or_a_fifth_and_not_by_a_millinewton_more() {
+    // 9.85 N, 16.3 N, 29.1 N: a fifth of more than 10 N is over 2 N.
+    assert!(!is_off(20_000, |reads| reads - 2000));
+    assert!(is_off(20_000, |reads| reads - 2001));
+    assert!(!is_off(20_000, |reads| reads * 5 / 4));
+    assert!(is_off(20_000, |reads| reads * 5 / 4 + 2));
+    for adc in [30_000, 50_000] {
+        // The fifth is of what is expected.
+        assert!(!is_off(adc, |reads| reads * 5 / 6 + 1));
+        assert!(is_off(adc, |reads| reads * 5 / 6 - 2));
+        assert!(is_off(adc, |reads| reads * 5 / 4 + 2));
+    }
+}
+
+/// Half a lobe out, a whole one in, half a lobe out: a platform that swings hardly feels it. Two counts of the encoder.
+#[test]
+fn the_test_motion_of_a_drum_ends_where_it_began_and_has_no_mean() {
+    for index in 0..3 {
+        // Without lead: demands are set-points.
+        let key = ConfigKey::cable(index as u8, CableKey::LeadUs);
+        let entries = entries_with(key, 0);
+        let mut bench = Bench::ready_with(&entries);
+        bench.arm_with(&entries).unwrap();
+        let mut counts = Vec::new();
+        for _ in 0..ARMING_MS {
+            bench.step();
+            if bench.state() == State::Holding {
+                break;
+            }
+            if let DriveDemand::Position { counts: at, .. } = bench.outputs.drives[index]
+                && bench.all_brakes(Brake::Open)
+            {
+                counts.push(at);
+            }
+        }
+        assert_eq!(bench.state(), State::Holding);
+        let ways: Vec<_> = counts.iter().map(|at| f64::from(at - counts[0])).collect();
+        let (least, most) = ways.iter().fold((0.0_f64, 0.0_f64), |(least, most), way| {
+            (least.min(*way), most.max(*way))
+        });
+        let two_counts = f64::from(MOTOR_COUNTS) / 2048.0;
+        assert!((most / two_counts - 0.5).abs() < 0.03, "{most}");
+        assert!((least / two_counts + 1.0).abs() < 0.03, "{least}");
+        assert!(ways.last().unwrap().abs() < 5.0, "{ways:?}");
+        let sum: f64 = ways.iter().sum();
+        assert!(sum.abs() < 0.02 * two_counts * 120.0, "{sum}");
+    }
 }
 
 #[test]
@@ -320,4 +398,24 @@ fn c1_four_ticks_below_the_floor_do_not_abort_arming() {
     bench.tamper = |_| {};
     bench.until(State::Holding, 2000);
     assert_eq!(bench.fault(), None);
+}
+
+/// Brakes that never opened hold what they held: nothing has to calm down before the torque goes.
+#[test]
+fn a_stop_while_brakes_are_tested_takes_the_torque_off_after_a_brakes_time_and_150_ms() {
+    // Drives are ready after 5 ticks, give torque for 30, and push for 200.
+    for after in [20, 40, 100] {
+        let mut bench = Bench::ready();
+        bench.arm().unwrap();
+        bench.run(after);
+        assert!(bench.any_torque() && bench.all_brakes(Brake::Closed));
+        bench.stop(mcdpr_protocol::StopKind::Stop);
+        let most = BRAKE_MS + 150 + 5;
+        for _ in 0..most {
+            bench.step();
+            assert!(bench.all_brakes(Brake::Closed));
+        }
+        assert!(!bench.any_torque(), "{after}");
+        assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
+    }
 }

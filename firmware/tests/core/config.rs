@@ -235,3 +235,25 @@ fn slices_leave_what_is_in_use_alone_until_all_is_good_and_end_where_the_whole_d
         }
     }
 }
+
+#[test]
+fn a_drive_stops_its_drum_with_the_force_that_its_greatest_current_gives() {
+    for (mass_g, current_ma, mn_per_a) in [(34_000, 500, 112_000), (2000, 3000, -50_000)] {
+        let mut all = entries();
+        for (key, value) in [
+            (CableKey::DrumMass, mass_g),
+            (CableKey::MaxCurrentMa, current_ma),
+            (CableKey::ForcePerCurrent, mn_per_a),
+        ] {
+            let key = ConfigKey::cable(0, key);
+            all.iter_mut().find(|e| e.key == key).unwrap().value = value;
+        }
+        let cable = build(&all).unwrap().cables[0];
+        // 56 N, and 0.61 ms per mm/s; 150 N, and 0.013 ms.
+        let force_n = f64::from(current_ma) * 1e-3 * f64::from(mn_per_a.abs()) * 1e-3;
+        assert!((f64::from(cable.most_force_mn) * 1e-3 - force_n).abs() < 1e-3);
+        let stops_s_per_mps = f64::from(mass_g) * 1e-3 / force_n;
+        let found = f64::from(cable.stop_q16) / 65_536.0;
+        assert!((found - stops_s_per_mps).abs() < 1e-4 * stops_s_per_mps + 2e-5);
+    }
+}

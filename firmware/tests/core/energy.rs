@@ -40,12 +40,40 @@ fn c2_is_found_before_the_ceiling_by_as_much_as_the_drum_needs_to_stop() {
     let (fault, at_mn) = rising(20, 20_000);
     assert_eq!(fault, FaultId::C2);
     assert!((33_000..=34_100).contains(&at_mn), "{at_mn}");
-    // 1 N a tick and 20 ms to stop: 20 N before.
+    // 1 N a tick and 20 ms to stop: 20 N before, and a tick or two until the rate of rise is known.
     let (fault, at_mn) = rising(1000, 20_000);
     assert_eq!(fault, FaultId::C2);
-    assert!((13_000..=18_000).contains(&at_mn), "{at_mn}");
-    // A smaller deviation from the plan gives no information.
-    assert!(rising(1000, 40_000).1 > 13_000);
+    assert!((15_000..=17_000).contains(&at_mn), "{at_mn}");
+    // Half the time to stop, or half the rate: 10 N before.
+    for (step_mn, horizon_us) in [(1000, 10_000), (500, 20_000)] {
+        let (fault, at_mn) = rising(step_mn, horizon_us);
+        assert_eq!(fault, FaultId::C2);
+        assert!((24_000..=26_000).contains(&at_mn), "{at_mn}");
+    }
+    // A smaller deviation from the plan gives no information: 3 N, and the second tick above it.
+    assert_eq!(rising(1000, 40_000), (FaultId::C2, 15_000));
+}
+
+/// All tensions rise by 0.1 N a tick. The cable with the lowest ceiling is named, before it gets there.
+#[test]
+fn c2_each_cable_of_a_board_has_its_own_ceiling() {
+    for index in 0..CABLES as u8 {
+        for ceiling_mn in [15_000, 18_000] {
+            let key = ConfigKey::cable(index, CableKey::TensionCeiling);
+            let mut bench = Bench::holding_with(&entries_with(key, ceiling_mn));
+            // The tension-held drum would give way.
+            bench.stuck[3] = true;
+            while bench.fault().is_none() {
+                bench.tension_mn += 100;
+                assert!(bench.tension_mn <= ceiling_mn, "{}", bench.tension_mn);
+                bench.step();
+            }
+            let record = bench.server.controller().fault().unwrap();
+            assert_eq!((record.fault, record.cable), (FaultId::C2, index + 1));
+            assert_eq!(record.limit, ceiling_mn);
+            assert!(bench.tension_mn > ceiling_mn - 3000, "{}", bench.tension_mn);
+        }
+    }
 }
 
 #[test]
@@ -102,6 +130,52 @@ fn c2_ends_the_path_at_once_and_reels_nothing_in() {
     bench.tamper = |_| {};
     bench.until(State::Fault, 800);
     assert!(bench.all_brakes(Brake::Closed));
+}
+
+/// How fast the third cable is let out at these tensions after C2, 0.1 µm per tick.
+fn let_out(ceiling_mn: i32, tampers: &[fn(&mut Inputs<CABLES>)]) -> Vec<f64> {
+    let key = ConfigKey::cable(2, CableKey::TensionCeiling);
+    let speed = |tamper: &fn(&mut Inputs<CABLES>)| {
+        let mut bench = Bench::moving_with(&entries_with(key, ceiling_mn), 500);
+        bench.tamper = |i| i.tension_adc[2] = adc_of(35_000) + i.tension_adc[0] % 7;
+        bench.run(3);
+        assert_eq!(bench.fault(), Some(FaultId::C2));
+        bench.tamper = *tamper;
+        bench.run(20);
+        let before = bench.status().setpoints[2].0;
+        bench.run(20);
+        f64::from(bench.status().setpoints[2].0 - before) / 20.0
+    };
+    tampers.iter().map(speed).collect()
+}
+
+#[test]
+fn c2_a_cable_is_let_out_the_faster_the_further_it_is_above_three_quarters_of_its_ceiling() {
+    let speeds = let_out(
+        34_000,
+        &[
+            |i| i.tension_adc[2] = adc_of(25_000) + i.tension_adc[0] % 7,
+            |i| i.tension_adc[2] = adc_of(26_500) + i.tension_adc[0] % 7,
+            |i| i.tension_adc[2] = adc_of(27_500) + i.tension_adc[0] % 7,
+        ],
+    );
+    assert!(speeds[0] == 0.0 && speeds[1] > 1.0, "{speeds:?}");
+    // 2.5 mm/s for a newton.
+    assert!((22.5..28.0).contains(&speeds[1]), "{speeds:?}");
+    assert!((speeds[2] / speeds[1] - 2.0).abs() < 0.2, "{speeds:?}");
+}
+
+#[test]
+fn c2_a_cable_whose_plan_is_above_three_quarters_of_its_ceiling_is_let_out_to_its_plan() {
+    // The plan is 10 N, three quarters are 9 N.
+    let speeds = let_out(
+        12_000,
+        &[
+            |i| i.tension_adc[2] = adc_of(9500) + i.tension_adc[0] % 7,
+            |i| i.tension_adc[2] = adc_of(11_000) + i.tension_adc[0] % 7,
+        ],
+    );
+    assert!(speeds[0] == 0.0 && speeds[1] > 1.0, "{speeds:?}");
 }
 
 /// Parked after a motion's worth of torque; longer than drums take to rest.

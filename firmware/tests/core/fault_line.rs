@@ -4,7 +4,7 @@ use crate::support::{ARMING_MS, Bench, entries, entries_with, hash_of};
 use mcdpr_firmware::{Brake, State};
 use mcdpr_protocol::{
     BENCH_FAULT_LINE, BENCH_OUTPUT_MS, BenchTest, BoardKey, ConfigEntry, ConfigKey, FaultId, Limit,
-    Reject, Reply, Request,
+    Reject, Request,
 };
 
 const KEY: ConfigKey = ConfigKey::board(BoardKey::FaultLine);
@@ -21,36 +21,9 @@ fn with_line() -> Vec<ConfigEntry> {
     entries_with(KEY, 1)
 }
 
-/// A board with this configuration, ready to arm.
-fn ready(entries: &[ConfigEntry]) -> Bench {
-    let mut bench = Bench::new();
-    bench.step();
-    bench.open();
-    bench.configure(entries);
-    bench.reference();
-    bench
-}
-
-fn arm(bench: &mut Bench, entries: &[ConfigEntry]) -> Result<Reply, Reject> {
-    bench.request(Request::Arm {
-        config_hash: hash_of(entries),
-    })
-}
-
-/// The same, in a motion.
-fn moving(entries: &[ConfigEntry]) -> Bench {
-    let mut bench = ready(entries);
-    arm(&mut bench, entries).unwrap();
-    bench.until(State::Holding, ARMING_MS);
-    bench.buffer(4000, true);
-    bench.request(Request::Start).unwrap();
-    bench.run(500);
-    bench
-}
-
 #[test]
 fn l19_the_second_tick_of_a_low_line_stops_along_the_path() {
-    let mut bench = moving(&with_line());
+    let mut bench = Bench::moving_with(&with_line(), 500);
     bench.tamper = |inputs| inputs.fault_line_low = true;
     bench.step();
     assert_eq!(bench.state(), State::Moving);
@@ -65,7 +38,7 @@ fn l19_the_second_tick_of_a_low_line_stops_along_the_path() {
 
 #[test]
 fn l19_single_low_samples_do_not_count() {
-    let mut bench = moving(&with_line());
+    let mut bench = Bench::moving_with(&with_line(), 500);
     for _ in 0..100 {
         bench.tamper = |inputs| inputs.fault_line_low = true;
         bench.step();
@@ -77,24 +50,24 @@ fn l19_single_low_samples_do_not_count() {
 
 #[test]
 fn l19_a_board_without_the_line_ignores_its_pin() {
-    let mut bench = ready(&entries());
+    let mut bench = Bench::ready_with(&entries());
     bench.tamper = |inputs| inputs.fault_line_low = true;
     bench.run(10);
-    arm(&mut bench, &entries()).unwrap();
+    bench.arm_with(&entries()).unwrap();
     bench.until(State::Holding, ARMING_MS);
     assert!(!bench.status().limits.contains(Limit::FaultLine));
 }
 
 #[test]
 fn l19_a_low_line_forbids_arming_and_a_fault_of_it_can_be_cleared_while_it_is_low() {
-    let mut bench = ready(&with_line());
+    let mut bench = Bench::ready_with(&with_line());
     bench.tamper = |inputs| inputs.fault_line_low = true;
     bench.run(2);
-    assert_eq!(arm(&mut bench, &with_line()), Err(REMAINS));
+    assert_eq!(bench.arm_with(&with_line()), Err(REMAINS));
     assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
     bench.tamper = |_| {};
     bench.step();
-    arm(&mut bench, &with_line()).unwrap();
+    bench.arm_with(&with_line()).unwrap();
     bench.tamper = |inputs| inputs.fault_line_low = true;
     bench.until(State::Fault, 1500);
     assert_eq!(bench.fault(), Some(FaultId::L19));
@@ -102,12 +75,12 @@ fn l19_a_low_line_forbids_arming_and_a_fault_of_it_can_be_cleared_while_it_is_lo
     bench.request(Request::ClearFault).unwrap();
     bench.step();
     assert!(bench.outputs.well);
-    assert_eq!(arm(&mut bench, &with_line()), Err(REMAINS));
+    assert_eq!(bench.arm_with(&with_line()), Err(REMAINS));
 }
 
 #[test]
 fn a_bare_winch_is_worked_on_without_the_other_boards() {
-    let mut bench = ready(&with_line());
+    let mut bench = Bench::ready_with(&with_line());
     bench.tamper = |inputs| inputs.fault_line_low = true;
     bench.run(10);
     bench
@@ -126,12 +99,12 @@ fn a_board_is_well_from_its_first_tick_until_a_fault_is_latched() {
     let mut bench = Bench::new();
     assert!(!bench.outputs.well, "before its first tick");
     assert!(bench.step().well);
-    let mut bench = moving(&with_line());
+    let mut bench = Bench::moving_with(&with_line(), 500);
     assert!(bench.outputs.well);
     bench.stop(mcdpr_protocol::StopKind::Stop);
     bench.until(State::Disarmed, 1500);
     assert!(bench.outputs.well, "an ordered stop is no fault");
-    let mut bench = moving(&with_line());
+    let mut bench = Bench::moving_with(&with_line(), 500);
     bench.tamper = |inputs| inputs.drives[1].fault = true;
     assert!(!bench.step().well, "in the tick of the fault");
     bench.tamper = |_| {};
@@ -143,7 +116,7 @@ fn a_board_is_well_from_its_first_tick_until_a_fault_is_latched() {
 
 #[test]
 fn l10_a_board_that_pulls_the_line_itself_does_not_stop_by_it() {
-    let mut bench = moving(&with_line());
+    let mut bench = Bench::moving_with(&with_line(), 500);
     bench.beats = false;
     while bench.fault().is_none() {
         bench.step();
@@ -157,7 +130,7 @@ fn l10_a_board_that_pulls_the_line_itself_does_not_stop_by_it() {
 
 #[test]
 fn a_disarmed_board_lets_go_of_the_line_on_request_and_for_a_while() {
-    let mut bench = ready(&with_line());
+    let mut bench = Bench::ready_with(&with_line());
     bench.request(PULL).unwrap();
     for _ in 0..BENCH_OUTPUT_MS {
         assert!(!bench.step().well);
@@ -167,11 +140,11 @@ fn a_disarmed_board_lets_go_of_the_line_on_request_and_for_a_while() {
     // Arming ends it, and other outputs need a board without a configuration.
     bench.request(PULL).unwrap();
     bench.step();
-    arm(&mut bench, &with_line()).unwrap();
+    bench.arm_with(&with_line()).unwrap();
     assert!(bench.step().well);
     let state = State::Arming;
     assert_eq!(bench.request(PULL), Err(Reject::WrongState { state }));
-    let mut bench = ready(&with_line());
+    let mut bench = Bench::ready_with(&with_line());
     for output in 1..BENCH_FAULT_LINE {
         let test = BenchTest::Output { output };
         let refused = bench.request(Request::Bench { test });

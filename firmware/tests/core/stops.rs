@@ -272,3 +272,38 @@ fn the_first_cause_stays_latched_with_its_tick() {
     bench.run(50);
     assert_eq!(bench.server.controller().fault(), Some(first));
 }
+
+/// A tension-held cable that was slack is needed in a stop: its set-point returns at 100 N/s, and in a motion at 20.
+#[test]
+fn c1_a_stop_takes_up_a_cable_that_was_slack_five_times_as_fast_as_a_motion() {
+    let rise_ma = |stops: bool| {
+        let mut bench = Bench::moving(4000, 500);
+        // The drum stands, so that the current shows the law's set-point.
+        bench.stuck[3] = true;
+        // Too slowly for a break, too shortly for C1.
+        while bench.tension_mn > -1000 {
+            bench.tension_mn -= 1000;
+            bench.step();
+        }
+        bench.run(10);
+        bench.tension_mn = 10_000;
+        if stops {
+            bench.stop(StopKind::Stop);
+        }
+        bench.run(20);
+        let before = bench.current_ma(3);
+        bench.run(50);
+        let expected = if stops {
+            State::Stopping
+        } else {
+            State::Moving
+        };
+        assert_eq!((bench.state(), bench.fault()), (expected, None));
+        // Reeling in is negative.
+        i32::from(before - bench.current_ma(3))
+    };
+    // 50 N/A: 1 N are 20 mA. Of the plan's friction and damping 1.5 N go with the stop.
+    let (moving, stopping) = (rise_ma(false), rise_ma(true));
+    assert!((10..50).contains(&moving), "{moving} mA");
+    assert!(stopping > 100, "{stopping} mA");
+}

@@ -33,6 +33,9 @@ pub const MOST_UMPS2: i32 = 4_000_000;
 pub const MOST_MMPS3: i32 = 400_000;
 /// Motor counts of a turn of the paper's 20 mm drum.
 pub const MOTOR_COUNTS: i32 = 1_520_148;
+/// Motor turns of a drum's turn, and its cable.
+const MOTOR_TURNS: f64 = 371.13;
+const DRUM_TURN_MM: f64 = 40.0 * std::f64::consts::PI;
 pub const STOP_MS: u32 = 300;
 pub const ENABLE_MS: u32 = 40;
 pub const BRAKE_MS: u32 = 30;
@@ -262,6 +265,31 @@ impl Bench {
         bench
     }
 
+    /// As [`Self::ready`], with another configuration; and so the next ones.
+    pub fn ready_with(entries: &[ConfigEntry]) -> Self {
+        let mut bench = Self::new();
+        bench.step();
+        bench.open();
+        bench.configure(entries);
+        bench.reference();
+        bench
+    }
+
+    pub fn holding_with(entries: &[ConfigEntry]) -> Self {
+        let mut bench = Self::ready_with(entries);
+        bench.arm_with(entries).unwrap();
+        bench.until(State::Holding, ARMING_MS);
+        bench
+    }
+
+    pub fn moving_with(entries: &[ConfigEntry], run: u32) -> Self {
+        let mut bench = Self::holding_with(entries);
+        bench.buffer(4000, true);
+        bench.request(Request::Start).unwrap();
+        bench.run(run);
+        bench
+    }
+
     pub fn open(&mut self) {
         self.request(Request::Open).unwrap();
     }
@@ -298,6 +326,12 @@ impl Bench {
 
     pub fn arm(&mut self) -> Result<Reply, Reject> {
         self.request(Self::arm_request())
+    }
+
+    pub fn arm_with(&mut self, entries: &[ConfigEntry]) -> Result<Reply, Reject> {
+        self.request(Request::Arm {
+            config_hash: hash_of(entries),
+        })
     }
 
     /// Buffers rest, 20 mm/s from 200 ms on, and a constant speed until `ms`; `ends` adds a
@@ -405,12 +439,28 @@ impl Bench {
                 if before * self.speed < 0.0 || !free {
                     self.speed = 0.0;
                 }
-                let turn_mm = std::f64::consts::TAU * 20.0;
-                let counts = self.speed * 1e-3 / turn_mm * f64::from(MOTOR_COUNTS);
+                let counts = self.speed * 1e-3 / DRUM_TURN_MM * f64::from(MOTOR_COUNTS);
+                self.motor[i] += counts.round() as i32;
+            }
+            DriveDemand::Speed { rpm } => {
+                self.speed = if free {
+                    self.current[i] = load_ma as i16;
+                    f64::from(rpm) / MOTOR_TURNS / 60.0 * DRUM_TURN_MM
+                } else {
+                    // The integral of its loop: 10 mA per tick at 50 rpm.
+                    self.current[i] = (self.current[i] + rpm / 5).clamp(-3000, 3000);
+                    0.0
+                };
+                let counts = self.speed * 1e-3 / DRUM_TURN_MM * f64::from(MOTOR_COUNTS);
                 self.motor[i] += counts.round() as i32;
             }
             _ => self.current[i] = 0,
         }
+    }
+
+    /// What the drive reports.
+    pub fn current_ma(&self, index: usize) -> i16 {
+        self.current[index]
     }
 
     fn inputs(&mut self) -> Inputs<CABLES> {
@@ -431,8 +481,7 @@ impl Bench {
             inputs.drives[i].counts = self.motor[i];
             inputs.drives[i].current_ma = self.current[i];
             if i == 3 {
-                // 371 motor turns are a drum turn of 125.7 mm.
-                inputs.drives[i].rpm = (self.speed * 60.0 * 371.1 / 125.66) as i16;
+                inputs.drives[i].rpm = (self.speed * 60.0 * MOTOR_TURNS / DRUM_TURN_MM) as i16;
             }
         }
         (self.tamper)(&mut inputs);

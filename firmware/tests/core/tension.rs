@@ -297,6 +297,70 @@ fn a_cable_over_the_ceiling_is_paid_out_at_the_reel_speed() {
     assert_eq!(core.update(&config, &over(0)), -700);
 }
 
+/// At its floor and at its ceiling a cable is held by the ordinary law, and a millinewton beyond by its drum's speed.
+#[test]
+fn the_law_changes_beyond_floor_and_ceiling_and_not_at_them() {
+    let limits = config(&DEFAULT);
+    let (floor_mn, ceiling_mn) = (limits.floor_mn, limits.ceiling_mn);
+    for (measured_mn, leads) in [
+        (floor_mn - 1, true),
+        (floor_mn, false),
+        (ceiling_mn, false),
+        (ceiling_mn + 1, true),
+    ] {
+        let demand = Demand {
+            setpoint_mn: 10_000,
+            measured_mn,
+            ..Demand::default()
+        };
+        // A drum at rest that is led is commanded its reel speed, whatever the gains are.
+        let led_umps = if measured_mn > 10_000 {
+            10_000
+        } else {
+            -10_000
+        };
+        let speed_umps =
+            TensionLoop::at(measured_mn).update_speed(&speed_config(&DEFAULT), &demand);
+        assert_eq!(speed_umps == led_umps, leads, "{measured_mn}: {speed_umps}");
+        // And its force is what balances the cable, 0.5 N of friction, and 50 N s/m times 10 mm/s.
+        let led_mn = measured_mn + if measured_mn > 10_000 { -1000 } else { 1000 };
+        let force_mn = -50 * TensionLoop::at(measured_mn).update(&config(&DEFAULT), &demand);
+        assert_eq!(
+            (force_mn - led_mn).abs() <= 25,
+            leads,
+            "{measured_mn}: {force_mn}"
+        );
+    }
+}
+
+/// The noise of its sensor is below zero in every second tick: a free end must not be reeled in for it.
+#[test]
+fn a_cable_without_a_floor_is_never_slack() {
+    for floor_mn in [0, 500] {
+        let by_force = CableConfig {
+            floor_mn,
+            ..config(&DEFAULT)
+        };
+        let by_speed = CableConfig {
+            floor_mn,
+            ..speed_config(&DEFAULT)
+        };
+        for measured_mn in [-1, -300] {
+            let demand = Demand {
+                setpoint_mn: 3000,
+                measured_mn,
+                ..Demand::default()
+            };
+            let speed_umps = TensionLoop::at(measured_mn).update_speed(&by_speed, &demand);
+            assert_eq!(speed_umps == -10_000, floor_mn > 0, "{speed_umps}");
+            // 1 N of friction and damping is what would reel it in.
+            let force_mn = -50 * TensionLoop::at(measured_mn).update(&by_force, &demand);
+            let led = (force_mn - measured_mn - 1000).abs() <= 25;
+            assert_eq!(led, floor_mn > 0, "{force_mn}");
+        }
+    }
+}
+
 #[test]
 fn a_strong_gear_keeps_the_currents_resolution() {
     // 371:1 on a 20 mm drum: 900 N/A, and loads to match.

@@ -72,6 +72,35 @@ fn motor_counts_follow_eq_54_with_lead_over_the_whole_range() {
     }
 }
 
+/// A gear that turns the drum by a little more than its description says is no dead drive: the motor is compared with the
+/// target by what its drum has shown.
+#[test]
+fn d7_how_far_a_motor_is_behind_counts_from_where_its_drum_is() {
+    let config = build(&entries()).unwrap().cables[0];
+    let most = f64::from(config.half_count);
+    for off in [-4000, 0, 4000] {
+        let mut axis = Axis::zeroed(0, 3_000_000);
+        let target = Target {
+            length: 3_000_000 + off,
+            ..Target::default()
+        };
+        for _ in 0..5000 {
+            axis.learn(&config, &target, 3_000_000, 3_000_000 + off);
+        }
+        for behind in [-20_000, -500, 0, 500, 20_000] {
+            let target = Target {
+                length: 3_000_000 + off + behind,
+                ..Target::default()
+            };
+            let error = axis.motor_error(&target, 3_000_000);
+            assert!(
+                f64::from(error - behind).abs() <= most + 2.0,
+                "{off} {behind}: {error}"
+            );
+        }
+    }
+}
+
 #[test]
 fn rpm_limits_and_motor_speeds_follow_the_gear() {
     for (counts_per_turn, per_rev) in [(1_520_148, 4096), (-110_592, 4096), (40_000, 4000)] {

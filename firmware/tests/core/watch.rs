@@ -3,7 +3,7 @@
 use crate::support::{Bench, adc_of};
 use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_firmware::watch::{CableView, CableWatch, Persist};
-use mcdpr_firmware::{Brake, State};
+use mcdpr_firmware::{Brake, Inputs, State};
 use mcdpr_protocol::FaultId;
 
 fn healthy(tick: u32) -> CableView {
@@ -12,7 +12,7 @@ fn healthy(tick: u32) -> CableView {
         tension_mn: 10_000,
         expected_mn: 10_000,
         floor_mn: 500,
-        ceiling_mn: 35_000,
+        ceiling_mn: 34_000,
         length_error_max: 10_000,
         feedback_timeout_ms: 10,
         ..CableView::default()
@@ -20,7 +20,7 @@ fn healthy(tick: u32) -> CableView {
 }
 
 /// Ticks of a condition until its fault, after a normal period; the first tick counts as 1.
-fn ticks_until(change: fn(&mut CableView)) -> (u32, FaultId, i32, i32) {
+fn ticks_until(change: impl Fn(&mut CableView)) -> (u32, FaultId, i32, i32) {
     let mut watch = CableWatch::default();
     for tick in 0..500 {
         assert_eq!(watch.update(&healthy(tick)), None, "healthy");
@@ -112,6 +112,36 @@ fn c1_c3_a_cable_that_the_broken_one_unloads_is_not_reported() {
     assert_eq!((record.fault, record.cable), (FaultId::C3, 2));
 }
 
+/// A cable that breaks loads others: a rise after it is no snag. A rise that came with it may have broken it.
+#[test]
+fn c2_a_rise_that_begins_after_a_break_is_its_consequence_and_one_that_comes_with_it_is_not() {
+    type Tamper = fn(&mut Inputs<4>);
+    let falls: Tamper = |i| i.tension_adc[1] = adc_of(100) + i.encoders[0] % 5;
+    let rises: Tamper = |i| {
+        i.tension_adc[1] = adc_of(100) + i.encoders[0] % 5;
+        i.tension_adc[2] = adc_of(16_000) + i.encoders[0] % 5;
+    };
+    let rises_more: Tamper = |i| {
+        i.tension_adc[1] = adc_of(100) + i.encoders[0] % 5;
+        i.tension_adc[2] = adc_of(23_000) + i.encoders[0] % 5;
+    };
+    for (ticks, fault) in [
+        (&[rises, rises_more][..], Some(FaultId::C2)),
+        // A tick apart counts as the same moment.
+        (&[falls, rises, rises_more], Some(FaultId::C2)),
+        (&[falls, falls, rises, rises_more], None),
+        (&[falls, falls, falls, falls, rises, rises_more], None),
+    ] {
+        let mut bench = Bench::moving(4000, 500);
+        for tamper in ticks {
+            assert_eq!(bench.fault(), None);
+            bench.tamper = *tamper;
+            bench.step();
+        }
+        assert_eq!(bench.fault(), fault);
+    }
+}
+
 #[test]
 fn s4_a_drum_that_turns_against_its_motor_fires_at_the_second_comparison() {
     // 30 mm/s are 300 of 0.1 µm per tick; four counts are 1227.
@@ -181,12 +211,25 @@ fn s9_noise_is_advice() {
     assert!(noise(500));
 }
 
+/// The ceiling is the cable's own: a constant of one robot would pass with one value.
 #[test]
-fn c2_over_tension_fires_after_2_ticks() {
-    assert_eq!(
-        ticks_until(|v| v.tension_mn = 35_001),
-        (2, FaultId::C2, 35_001, 35_000)
-    );
+fn c2_over_tension_fires_after_2_ticks_whatever_the_ceiling_is() {
+    for ceiling_mn in [5000, 12_000, 20_000, 34_000, 200_000] {
+        let over = ticks_until(|v| {
+            v.ceiling_mn = ceiling_mn;
+            v.tension_mn = ceiling_mn + 1;
+        });
+        assert_eq!(over, (2, FaultId::C2, ceiling_mn + 1, ceiling_mn));
+        let mut watch = CableWatch::default();
+        for tick in 0..500 {
+            let view = CableView {
+                ceiling_mn,
+                tension_mn: ceiling_mn,
+                ..healthy(tick)
+            };
+            assert_eq!(watch.update(&view), None, "at {ceiling_mn}");
+        }
+    }
 }
 
 #[test]
@@ -344,6 +387,14 @@ fn d2_and_d3_fire_at_once() {
     assert_eq!(ticks_until(|v| v.drive_fault = true).0, 1);
     let lost = ticks_until(|v| v.feedback_age_ms = 10);
     assert_eq!(lost, (1, FaultId::D3, 10, 10));
+    // A drive that reported its fault and fell silent: the fault is the cause.
+    let both = ticks_until(|v| {
+        v.drive_fault = true;
+        v.feedback_age_ms = 10;
+        // Nothing else is odd: this reading is no repetition.
+        v.adc = 20_007;
+    });
+    assert_eq!((both.0, both.1), (1, FaultId::D2));
 }
 
 #[test]
@@ -351,7 +402,7 @@ fn at_its_limit_nothing_fires() {
     let mut watch = CableWatch::default();
     for tick in 0..1000 {
         let view = CableView {
-            tension_mn: if tick < 500 { 500 } else { 35_000 },
+            tension_mn: if tick < 500 { 500 } else { 34_000 },
             length_error: 10_000,
             motor_error: 10_000,
             feedback_age_ms: 9,

@@ -310,6 +310,30 @@ fn torque_goes_at_once_and_comes_back_only_by_enabling() {
     assert!(commands.all(|frame| frame[4..].starts_with("00 00")));
 }
 
+/// A demand for no torque does not wait for a slot, and does not fill the bus once it is obeyed.
+#[test]
+fn a_drive_without_torque_is_commanded_in_its_slot_alone() {
+    let mut bench = Bench::new(DriveKind::Cia402);
+    run(&mut bench, 120, OFF);
+    let first = bench.now;
+    for _ in 0..20 {
+        say(&mut bench, 0x40, [8, 10]);
+        bench.tick(OFF);
+    }
+    let mut times = [List::new(), List::new()];
+    for (at, frame) in &bench.port.sent {
+        match frame.id {
+            0x203 => times[0].push(*at),
+            0x205 => times[1].push(*at),
+            _ => {}
+        }
+    }
+    for (slot, times) in (0..).zip(times) {
+        let due = (first..first + 20).filter(|at| at % 2 == slot);
+        assert_eq!(times, due.collect::<List<_>>());
+    }
+}
+
 #[test]
 fn a_drive_that_restarts_is_set_up_again() {
     let mut bench = enabled();
