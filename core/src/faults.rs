@@ -56,12 +56,25 @@ pub fn describe_fault(record: &FaultRecord) -> String {
                 record.value, record.limit
             )
         }
+        id if is_of_board(id) && record.cable == 0 && record.value > 0 => {
+            format!(" (told by board {})", record.value)
+        }
         FaultId::L10 | FaultId::D3 | FaultId::D5 => {
             format!(" for {} ms, limit {} ms", record.value, record.limit)
         }
         _ => String::new(),
     };
     format!("{}: {}{cable}{numbers}", id.name(), id.what())
+}
+
+/// Whether a board tells this fault without cable and numbers: of a robot with several boards, `value` is the number of
+/// the board that told it, 1 for the first.
+#[must_use]
+pub(crate) const fn is_of_board(fault: FaultId) -> bool {
+    matches!(
+        fault,
+        FaultId::L19 | FaultId::P1 | FaultId::P4 | FaultId::K6
+    )
 }
 
 /// What to do about a fault.

@@ -8,11 +8,12 @@ use mcdpr_firmware::drives::last::LastDrives;
 use mcdpr_firmware::io::{self, Line, RING};
 use mcdpr_firmware::kept::KeptLengths;
 use mcdpr_firmware::link::{Incoming, LinkState, Outgoing, Queues};
+use mcdpr_firmware::server::LinkCounters;
 use mcdpr_firmware::{Active, Brake, Cycle, Inputs, Outputs};
 use mcdpr_protocol::frame::MAX_FRAME;
 use mcdpr_protocol::{
-    FaultId, FaultRecord, Hello, Info, Kept, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause,
-    TenthMicrometres, Tick,
+    FaultId, FaultRecord, Hello, Info, Kept, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, PerCable,
+    ResetCause, TenthMicrometres, Tick,
 };
 
 /// Bytes that a line at 921600 baud sends in a tick: a board passes it frames up to this amount.
@@ -152,6 +153,10 @@ pub trait VirtualBoard {
     fn fault(&self) -> Option<FaultRecord>;
     /// Whether any drive was commanded to give torque in the last tick.
     fn torque_on(&self) -> bool;
+    /// Paid-out lengths that it wants, by channel; empty where only the board itself knows them.
+    fn wanted(&self) -> PerCable<TenthMicrometres> {
+        PerCable::new()
+    }
 }
 
 /// The received bytes of the line, as a chip's DMA stores them.
@@ -313,9 +318,14 @@ impl<const N: usize> Board<N> {
 }
 
 fn hello(version: Option<WireVersion>, number: u8) -> Hello {
-    let WireVersion { major, minor } = version.unwrap_or(WireVersion {
+    let WireVersion {
+        major,
+        minor,
+        git_hash,
+    } = version.unwrap_or(WireVersion {
         major: PROTOCOL_MAJOR,
         minor: PROTOCOL_MINOR,
+        git_hash: [0; 8],
     });
     let mut board_id = *b"simulated 01";
     // "simulated 02" is the second of several.
@@ -324,7 +334,7 @@ fn hello(version: Option<WireVersion>, number: u8) -> Hello {
         major,
         minor,
         board_id,
-        git_hash: [0; 8],
+        git_hash,
         reset_cause: ResetCause::Power,
     }
 }
@@ -502,5 +512,10 @@ impl<const N: usize> VirtualBoard for Board<N> {
     fn torque_on(&self) -> bool {
         let drives = &self.outputs().drives;
         drives.iter().any(|drive| drive.gives_torque())
+    }
+
+    fn wanted(&self) -> PerCable<TenthMicrometres> {
+        let counters = LinkCounters::default();
+        self.cycle.server().status(&counters).setpoints
     }
 }

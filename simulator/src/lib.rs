@@ -20,6 +20,6 @@ mod wire;
 
 pub use board::{BoardFailure, VirtualBoard};
 pub use overheard::{BEHIND_TICKS, Overheard, Positions};
-pub use simulation::several::{BoardPlace, BoardTime, FaultLineTap};
+pub use simulation::several::{BoardPlace, BoardPoint, BoardTime, FaultLineTap};
 pub use simulation::{Simulation, TracePoint};
 pub use wire::{LinkOptions, Wire, WireFaults, WireVersion};

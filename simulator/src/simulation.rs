@@ -106,6 +106,7 @@ pub struct Simulation {
     pub(crate) received: Vec<u8>,
     pub(crate) send: Vec<u8>,
     pub(crate) trace: Option<Vec<TracePoint>>,
+    pub(crate) points: Option<Vec<several::BoardPoint>>,
     pub(crate) cell: Option<Cell>,
     /// Path time of the first board at which the robot's path begins, ms.
     pub(crate) path_zero_ms: u32,
@@ -148,6 +149,7 @@ impl Simulation {
             received: Vec::new(),
             send: Vec::new(),
             trace: None,
+            points: None,
             cell: None,
             path_zero_ms: 0,
             plant_ns: 0,

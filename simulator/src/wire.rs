@@ -226,13 +226,15 @@ mod tests {
     }
 }
 
-/// Version of a wire format.
+/// Version of a wire format and of the firmware that speaks it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WireVersion {
     /// Boards and hosts of different major versions do not understand each other.
     pub major: u16,
     /// Raised by every change.
     pub minor: u16,
+    /// Commit that the firmware is of: its first eight digits, or zeros.
+    pub git_hash: [u8; 8],
 }
 
 /// Properties of the line to the board.
@@ -248,7 +250,7 @@ pub struct LinkOptions {
     pub to_host: WireFaults,
     /// The board's tick when it starts (a test of the counter's wrap starts near the end).
     pub first_tick: u32,
-    /// Wire format that the board reports, if not this one.
+    /// Wire format and firmware that the board reports, if not these.
     pub version: Option<WireVersion>,
 }
 

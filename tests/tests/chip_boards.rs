@@ -1,20 +1,23 @@
 //! One robot on two emulated chips, each of which executes the firmware's file: what the fault line between them does.
+//!
+//! The firmware takes four cables, and a robot has eight at most. So of three boards the first alone is a chip; the other
+//! two are the control core in this process, as another program of the same commit.
 
-#[path = "../../twin/tests/two_boards/mod.rs"]
-mod two_boards;
+#[path = "../../twin/tests/several_boards/mod.rs"]
+mod several_boards;
 
 use mcdpr_core::control::Handle;
-use mcdpr_core::link::{ClientError, LinkError};
+use mcdpr_core::link::{Client, ClientError, LinkError};
 use mcdpr_core::motion::Model;
 use mcdpr_core::run::RunError;
 use mcdpr_emulator::{Drive, SharedChip};
-use mcdpr_protocol::{BoardState, FaultId};
-use mcdpr_simulator::{FaultLineTap, LinkOptions, Simulation};
+use mcdpr_protocol::{BoardState, FaultId, PROTOCOL_MAJOR, PROTOCOL_MINOR, SessionId};
+use mcdpr_simulator::{FaultLineTap, LinkOptions, Simulation, WireVersion};
 use mcdpr_tests::chip::firmware;
 use mcdpr_twin::SimulatedLink;
 use mcdpr_twin::plant::{Mismatch, at_rest};
+use several_boards::{APART, THREE, TWO, model_of, run};
 use std::cell::RefCell;
-use two_boards::{APART, model, run};
 
 /// Within this time of the loss the other board must have reacted, µs.
 const LINE_US: u64 = 3000;
@@ -33,6 +36,38 @@ fn two_chips(model: &Model) -> (SimulatedLink, Vec<SharedChip>) {
     let line = LinkOptions::default();
     let link = SimulatedLink::timed(robot, plant, &line, 1, &make, &APART).unwrap();
     (link, chips.into_inner())
+}
+
+/// Three boards, of which the first is a chip.
+fn chip_and_two(model: &Model) -> (SimulatedLink, SharedChip) {
+    let robot = model.robot();
+    let of_four = model_of("lab-fast");
+    let plant = at_rest(&of_four, of_four.robot(), &Mismatch::default(), 1, None).unwrap();
+    let alone = firmware().board().unwrap();
+    let alone = Simulation::with_board(plant, Box::new(alone), &LinkOptions::default(), 1);
+    let client = Client::connect(SimulatedLink::new(alone), SessionId(1)).unwrap();
+    let plant = at_rest(model, robot, &Mismatch::default(), 1, None).unwrap();
+    let chips = RefCell::new(Vec::new());
+    let make = |cables: &[usize], number: u8| {
+        if number > 0 {
+            return Ok(None);
+        }
+        let board = firmware().board().unwrap().wired(cables, number).unwrap();
+        chips.borrow_mut().push(board.chip());
+        Ok(Some(Box::new(board) as _))
+    };
+    // Boards of different firmware are refused.
+    let version = WireVersion {
+        major: PROTOCOL_MAJOR,
+        minor: PROTOCOL_MINOR,
+        git_hash: client.hello().git_hash,
+    };
+    let line = LinkOptions {
+        version: Some(version),
+        ..LinkOptions::default()
+    };
+    let link = SimulatedLink::timed(robot, plant, &line, 1, &make, &APART).unwrap();
+    (link, chips.into_inner().remove(0))
 }
 
 /// The first chip's moments, simulated µs.
@@ -72,7 +107,7 @@ impl Moments {
 
 /// Loses the second board in motion: the first one stops along its path, by the line.
 fn loses(what: &str, lose: impl Fn(&SharedChip, &mut Simulation)) {
-    let model = model();
+    let model = model_of(TWO);
     let (link, chips) = two_chips(&model);
     let mut moments = Moments::default();
     let (done, _) = run(&link, &model, &Handle::new(), |simulation, now_us| {
@@ -117,7 +152,7 @@ fn l19_a_chip_that_resets_stops_the_other() {
 
 #[test]
 fn a_cut_of_the_line_between_two_chips_is_named_before_they_arm() {
-    let model = model();
+    let model = model_of(TWO);
     for (tap, said) in [
         (FaultLineTap::Cut, "wire to board 2 (simulated 02) is cut"),
         (FaultLineTap::Mute, "board 2 (simulated 02) does not pull"),
@@ -133,4 +168,53 @@ fn a_cut_of_the_line_between_two_chips_is_named_before_they_arm() {
             assert!(!chip.with(|chip| chip.brakes_ever_opened()), "{tap:?}");
         }
     }
+}
+
+/// Loses a board's supply in motion; by their pins and states the others stop in time.
+fn loses_of_three(lost_board: usize) {
+    let model = model_of(THREE);
+    let (link, chip) = chip_and_two(&model);
+    link.with(Simulation::record_boards);
+    let mut moments = Moments::default();
+    let (done, _) = run(&link, &model, &Handle::new(), |simulation, now_us| {
+        let lose = |simulation: &mut Simulation| {
+            simulation.set_power_of(lost_board, false).unwrap();
+        };
+        moments.look(simulation, &chip, lose, now_us);
+    });
+    let said = format!("{done:?}");
+    let name = several_boards::name(lost_board);
+    assert!(said.contains(&name), "{said}");
+    let lost = moments.lost.unwrap();
+    let points = link.with(Simulation::take_boards);
+    for board in (1..3).filter(|board| *board != lost_board) {
+        let mut of_it = points.iter().filter(|point| point.board == board);
+        let stops = of_it.find(|point| point.state == BoardState::Stopping);
+        let after_us = stops.unwrap().at_us - lost as f64;
+        println!(
+            "{name} without supply: board {} after {after_us:.0} us",
+            board + 1
+        );
+        assert!(after_us <= LINE_US as f64, "{after_us}");
+    }
+    if lost_board > 0 {
+        let after_us = moments.reacts.unwrap() - lost;
+        println!("{name} without supply: the chip after {after_us} us");
+        assert!(after_us <= LINE_US && moments.open, "{moments:?}");
+    }
+}
+
+#[test]
+fn l19_boards_without_supply_stop_a_chip_beside_them_and_it_stops_them() {
+    for board in 0..3 {
+        loses_of_three(board);
+    }
+}
+
+#[test]
+fn a_chip_and_two_other_boards_move_as_one() {
+    let model = model_of(THREE);
+    let (link, _) = chip_and_two(&model);
+    let (done, _) = run(&link, &model, &Handle::new(), |_, _| {});
+    done.unwrap();
 }

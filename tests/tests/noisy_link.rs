@@ -152,6 +152,7 @@ fn a_board_of_another_protocol_version_is_named_and_never_moved_l17() {
             WireVersion {
                 major: 0,
                 minor: minor - 1,
+                git_hash: [0; 8],
             },
             "flash",
         ),
@@ -159,10 +160,18 @@ fn a_board_of_another_protocol_version_is_named_and_never_moved_l17() {
             WireVersion {
                 major: 0,
                 minor: minor + 1,
+                git_hash: [0; 8],
             },
             "update",
         ),
-        (WireVersion { major: 1, minor: 0 }, "update"),
+        (
+            WireVersion {
+                major: 1,
+                minor: 0,
+                git_hash: [0; 8],
+            },
+            "update",
+        ),
     ] {
         let options = LinkOptions {
             version: Some(version),

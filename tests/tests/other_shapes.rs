@@ -70,13 +70,11 @@ fn every_shape_is_rigged() {
             assert!(done.status.success(), "{robot} {way}: {}", words(&done));
         }
     }
-    let several = run(
-        "eight-two-boards",
-        &["rig", "lower", "--yes"],
-        folder.path(),
-    );
-    assert_eq!(several.status.code(), Some(1));
-    assert!(words(&several).contains("one board at a time"));
+    for robot in ["eight-two-boards", "eight-three-boards"] {
+        let several = run(robot, &["rig", "lower", "--yes"], folder.path());
+        assert_eq!(several.status.code(), Some(1));
+        assert!(words(&several).contains("one board at a time"));
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`plant`] | a robot description as physics, exact or with a stated mismatch |
 //! | [`line`](mod@line) | the line to a simulated robot, in virtual time |
+//! | [`together`] | how far apart several boards are along their path |
 //! | [`events`], [`watched`] | what happens on a line, for records and live views |
 //! | [`decode`], [`words`] | the bytes of a line decoded; states and limits in words |
 //! | [`faults`] | faults to inject, and a line that injects them on time |
@@ -36,6 +37,7 @@ pub mod plans;
 pub mod plant;
 pub mod preview;
 pub mod record;
+pub mod together;
 pub mod viewer;
 pub mod watched;
 pub mod words;

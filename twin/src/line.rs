@@ -74,6 +74,7 @@ fn times(boards: usize, seed: u64) -> Vec<BoardTime> {
         slow_ppm: random.within(CRYSTAL_PPM),
         // Anywhere in the first millisecond.
         begins_us: 500.0 + random.within(499.0),
+        ..BoardTime::default()
     });
     each.collect()
 }

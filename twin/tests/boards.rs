@@ -1,22 +1,27 @@
 //! One robot on several boards: start, clocks, and stops that are those of all.
 
-mod two_boards;
+mod several_boards;
 
 use mcdpr_core::control::{Handle, Order};
 use mcdpr_core::link::{ClientError, LinkError};
 use mcdpr_core::motion::{Model, Plan};
 use mcdpr_core::robot::{BuiltInModules, Robot};
 use mcdpr_core::run::{Homing, NoStore, RunError, Session};
-use mcdpr_protocol::{BoardState, SessionId};
+use mcdpr_protocol::{BoardState, FaultId, SessionId};
 use mcdpr_simulator::{BoardTime, Simulation, TracePoint, WireFaults};
 use mcdpr_twin::SimulatedLink;
-use two_boards::{APART, IN_STEP, disturbed, model, robot_line, run, without_line};
+use mcdpr_twin::faults::{FaultyLink, Scenario};
+use mcdpr_twin::together::Together;
+use several_boards::{
+    APART, After, IN_STEP, THREE, TWO, disturbed, model_of, name, robot_line, run, run_over,
+    states, without_line,
+};
 
 /// How much later the drums of a board are than the plan, s: least squares over the motion, a
 /// constant offset of each length aside.
-fn delay_s(plan: &Plan, trace: &[TracePoint], cables: std::ops::Range<usize>) -> f64 {
+fn delay_s(plan: &Plan, trace: &[TracePoint], cables: &[usize]) -> f64 {
     let (mut vv, mut ve) = (0.0, 0.0);
-    for cable in cables {
+    for &cable in cables {
         let at = |time_s: f64| plan.state(time_s).map(|state| state.paid_out_m[cable]);
         let mut rows = Vec::new();
         for point in trace.iter().filter(|p| p.path_ms > 0 && p.path_ms % 5 == 0) {
@@ -40,135 +45,244 @@ fn delay_s(plan: &Plan, trace: &[TracePoint], cables: std::ops::Range<usize>) ->
     -ve / vv
 }
 
-/// How much later the drums of the second board are than those of the first, µs. Gears that rub and play give
-/// most of it: two boards of one clock have that part too.
-fn skew_us(plan: &Plan, trace: &[TracePoint]) -> f64 {
-    let (first, second) = (delay_s(plan, trace, 0..4), delay_s(plan, trace, 4..8));
-    (second - first) * 1e6
+/// How much later the drums of each board are than those of the first, µs. Gears that rub and play give
+/// most of it: boards of one clock have that part too.
+fn late_us(plan: &Plan, trace: &[TracePoint], model: &Model) -> Vec<f64> {
+    let boards = model.robot().boards.iter();
+    let delays_s: Vec<f64> = boards.map(|b| delay_s(plan, trace, &b.cables)).collect();
+    delays_s.iter().map(|d| (d - delays_s[0]) * 1e6).collect()
+}
+
+/// Judges the drums of boards with clocks of their own beside those of boards in step.
+fn together(robot: &str, late_us: impl Fn(&Model, &[BoardTime]) -> Vec<f64>) {
+    let model = model_of(robot);
+    let by_winches_us = late_us(&model, &IN_STEP);
+    let late_us = late_us(&model, &APART);
+    println!("{robot}: late by {late_us:.1?} us, {by_winches_us:.1?} us of it by the winches");
+    assert_eq!(late_us.len(), model.robot().boards.len());
+    for (late_us, by_winches_us) in late_us.iter().zip(&by_winches_us) {
+        assert!(
+            (late_us - by_winches_us).abs() < 20.0,
+            "{robot}: {late_us} us"
+        );
+    }
+}
+
+fn late_in_motion_us(model: &Model, times: &[BoardTime]) -> Vec<f64> {
+    let link = robot_line(model, 1, times);
+    let (plan, _) = run(&link, model, &Handle::new(), |_, _| {});
+    let trace = link.with(Simulation::take_trace);
+    late_us(&plan.unwrap(), &trace, model)
 }
 
 #[test]
 fn two_boards_with_clocks_of_their_own_move_as_one() {
-    let model = model();
-    let moved = |times: &[BoardTime]| {
-        let link = robot_line(&model, 1, times);
+    together(TWO, late_in_motion_us);
+}
+
+#[test]
+fn three_boards_with_clocks_of_their_own_move_as_one() {
+    together(THREE, late_in_motion_us);
+}
+
+#[test]
+fn motion_starts_within_a_tenth_of_a_millisecond_on_all_boards_and_stays_there() {
+    for robot in [TWO, THREE] {
+        let model = model_of(robot);
+        let link = robot_line(&model, 1, &APART);
+        link.with(Simulation::record_boards);
         let (plan, _) = run(&link, &model, &Handle::new(), |_, _| {});
-        let trace = link.with(Simulation::take_trace);
-        skew_us(&plan.unwrap(), &trace)
-    };
-    let by_winches_us = moved(&IN_STEP);
-    let skew_us = moved(&APART);
-    println!("skew {skew_us:.1} us, {by_winches_us:.1} us of it by the winches");
-    assert!((skew_us - by_winches_us).abs() < 20.0, "{skew_us} us");
+        let mut together = Together::new(model.robot(), &plan.unwrap().knots);
+        together.take(link.with(Simulation::take_boards));
+        let windows = together.windows();
+        let skews_us: Vec<f64> = windows.iter().map(|w| w.skew_s() * 1e6).collect();
+        let worst_us = skews_us.iter().copied().fold(0.0, f64::max);
+        println!(
+            "{robot}: {:.1} us at the start, {worst_us:.1} us at most",
+            skews_us[0]
+        );
+        assert!(windows[0].path_s < 2.0, "{}", windows[0].path_s);
+        assert!(windows.len() > 15, "{}", windows.len());
+        assert!(
+            worst_us > 0.0 && worst_us < 100.0,
+            "{robot}: {skews_us:.1?}"
+        );
+    }
 }
 
-/// When each board first was in one of these states, µs.
-fn first_us(
-    seen: &[(u64, [BoardState; 2])],
-    since_us: u64,
-    wanted: &[BoardState],
-) -> [Option<u64>; 2] {
-    [0, 1].map(|board| {
-        let mut later = seen.iter().filter(|(at_us, _)| *at_us >= since_us);
-        let found = later.find(|(_, states)| wanted.contains(&states[board]));
-        found.map(|(at_us, _)| *at_us)
-    })
+/// A judge that finds no skew must be able to find one.
+#[test]
+fn a_skew_that_is_there_is_seen() {
+    let model = model_of(TWO);
+    let link = robot_line(&model, 1, &IN_STEP);
+    link.with(Simulation::record_boards);
+    let (plan, _) = run(&link, &model, &Handle::new(), |_, _| {});
+    let mut together = Together::new(model.robot(), &plan.unwrap().knots);
+    let mut points = link.with(Simulation::take_boards);
+    for point in points.iter_mut().filter(|point| point.board == 1) {
+        point.at_us += 250.0;
+    }
+    points.sort_by(|a, b| a.at_us.total_cmp(&b.at_us));
+    together.take(points);
+    let windows = together.windows();
+    let middle = &windows[windows.len() / 2];
+    assert!((middle.late_s[1] - 250e-6).abs() < 10e-6, "{middle:?}");
+    assert!(middle.late_s[0].abs() < 10e-6, "{middle:?}");
 }
 
 #[test]
-fn a_stop_is_the_same_stop_on_both_boards() {
-    let model = model();
-    let link = robot_line(&model, 2, &APART);
-    let handle = Handle::new();
-    let orders = handle.clone();
-    let mut given = 0;
-    let (done, seen) = run(&link, &model, &handle, |simulation, now_us| {
-        if given == 0 && simulation.path_ms() >= 3000 {
-            given = now_us;
-            orders.order(Order::Stop);
-        }
-    });
-    assert!(matches!(done, Err(RunError::Interrupted)), "{done:?}");
-    let [first, second] = first_us(&seen, given, &[BoardState::Stopping]).map(Option::unwrap);
-    println!(
-        "stop: {} and {} us after the order",
-        first - given,
-        second - given
-    );
-    assert!(first.abs_diff(second) <= 5_000 && first.max(second) - given < 50_000);
+fn a_stop_is_the_same_stop_on_all_boards() {
+    for robot in [TWO, THREE] {
+        let model = model_of(robot);
+        let link = robot_line(&model, 2, &APART);
+        let handle = Handle::new();
+        let orders = handle.clone();
+        let mut given = None;
+        let (done, _) = run(&link, &model, &handle, |simulation, now_us| {
+            if given.is_none() && simulation.path_ms() >= 3000 {
+                given = Some(now_us as f64);
+                simulation.record_boards();
+                orders.order(Order::Stop);
+            }
+        });
+        assert!(matches!(done, Err(RunError::Interrupted)), "{done:?}");
+        let points = link.with(Simulation::take_boards);
+        let first_us = |board: usize| {
+            let mut stopping = points.iter().filter(|p| p.state == BoardState::Stopping);
+            let first = stopping.find(|point| point.board == board).unwrap();
+            first.at_us - given.unwrap()
+        };
+        let boards = 0..model.robot().boards.len();
+        let after_us: Vec<f64> = boards.map(first_us).collect();
+        println!("{robot}: stops {after_us:.0?} us after the order");
+        let (low, high) = after_us
+            .iter()
+            .fold((f64::MAX, 0.0_f64), |(low, high), us| {
+                (low.min(*us), high.max(*us))
+            });
+        assert!(high - low <= 5_000.0 && high < 50_000.0, "{robot}");
+    }
+}
+
+/// The other boards have reacted to what happened to this one in time.
+fn others_react(what: &str, after: &After, board: usize, states: &[BoardState]) {
+    for other in after.others(board) {
+        let first_s = after.first_s(other, states).unwrap();
+        println!("{what}: board {} after {:.1} ms", other + 1, first_s * 1e3);
+        assert!(first_s < 0.15, "{what}: {first_s} s");
+    }
+}
+
+/// What comes of a fault by its word, such as `S5:6@3.0s`.
+fn injected(robot: &str, seed: u64, word: &str) -> Result<(), RunError> {
+    let model = model_of(robot);
+    let scenario = Scenario::from_words(&[word.to_owned()], 8).unwrap();
+    scenario.suits(model.robot()).unwrap();
+    let link = robot_line(&model, seed, &APART);
+    let faulty = FaultyLink::new(link.clone(), &scenario.injections);
+    run_over(faulty, &link, &model, &Handle::new()).map(|_| ())
+}
+
+/// The rows of the watch that need cables of several boards are not checked (S5, C5). The tensions show a slip as a slack
+/// cable (C1), and the cause is judged from the samples of all boards.
+#[test]
+fn s5_a_cable_that_slips_is_named_by_its_number_on_any_board() {
+    for (robot, seed, cable) in [
+        (TWO, 15, 2),
+        (TWO, 15, 6),
+        (TWO, 16, 8),
+        (THREE, 15, 5),
+        (THREE, 15, 7),
+    ] {
+        let done = injected(robot, seed, &format!("S5:{cable}@3.0s"));
+        let Err(RunError::Fault { record, why }) = done else {
+            panic!("{robot}: {done:?}");
+        };
+        let cause = why.map(|why| (why.fault, why.cable));
+        println!("{robot}, cable {cable}: {record:?}, cause {cause:?}");
+        let (fault, named) = cause.unwrap_or((record.fault, record.cable));
+        let slack = [FaultId::S5, FaultId::C1, FaultId::C3].contains(&fault);
+        assert!(slack && named == cable, "{robot}: {fault:?} on {named}");
+    }
+}
+
+/// What the host says of a board that is lost.
+fn lost(after: &After) -> &str {
+    match &after.done {
+        Err(RunError::Client(ClientError::Link(LinkError::Boards { what, .. }))) => what,
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]
-fn a_fault_on_one_board_stops_the_other() {
+fn a_fault_on_one_board_stops_the_others() {
     use BoardState::{Disarmed, Fault, Stopping};
-    // The sixth cable is on the second board. A drive counts as lost after 10 ms.
-    let after = disturbed(3, 2_500_000, |simulation| {
-        without_line(simulation);
-        simulation.plant_mut().faults_mut().cables[5].drive.silent = true;
-    });
-    let Err(RunError::Fault { record, .. }) = after.done else {
-        panic!("{:?}", after.done);
-    };
-    assert_eq!(record.cable, 6, "{record:?}");
-    let first_s = after.first_s(&[Stopping]).unwrap();
-    println!("fault: the other board after {:.1} ms", first_s * 1e3);
-    assert!(first_s < 0.15, "{first_s} s");
-    // Without a host the other board may have noted that as a fault of its own (L10).
-    let (_, last) = after.first.last().unwrap();
-    assert!([Disarmed, Fault].contains(last), "{last:?}");
-    assert_eq!(after.second, Fault);
+    // A drive counts as lost after 10 ms.
+    for (robot, board, cable) in [(TWO, 1, 6), (THREE, 1, 6), (THREE, 2, 7)] {
+        let after = disturbed(robot, 3, 2_500_000, |simulation| {
+            without_line(simulation);
+            let faults = simulation.plant_mut().faults_mut();
+            faults.cables[usize::from(cable) - 1].drive.silent = true;
+        });
+        let Err(RunError::Fault { record, .. }) = &after.done else {
+            panic!("{robot}: {:?}", after.done);
+        };
+        assert_eq!(record.cable, cable, "{robot}: {record:?}");
+        others_react("fault", &after, board, &[Stopping]);
+        // Without a host another board may have noted that as a fault of its own (L10).
+        for other in after.others(board) {
+            assert!(
+                [Disarmed, Fault].contains(&after.last[other]),
+                "{:?}",
+                after.last
+            );
+        }
+        assert_eq!(after.last[board], Fault);
+    }
 }
 
 #[test]
-fn a_dead_line_of_one_board_makes_both_hold() {
+fn a_dead_line_of_one_board_makes_all_hold() {
     use BoardState::{Holding, Pausing};
     let dead = WireFaults {
         drop: 1.0,
         ..WireFaults::default()
     };
-    let after = disturbed(4, 500_000, |simulation| {
-        without_line(simulation);
-        simulation.set_faults_of(1, dead, dead);
-    });
-    let Err(RunError::Client(ClientError::Link(LinkError::Boards { what, .. }))) = &after.done
-    else {
-        panic!("{:?}", after.done);
-    };
-    assert!(what.contains("board 2 (simulated 02)"), "{what}");
-    let first_s = after.first_s(&[Pausing]).unwrap();
-    println!("dead line: the other board after {:.1} ms", first_s * 1e3);
-    assert!(first_s < 0.15, "{first_s} s");
-    let (_, last) = after.first.last().unwrap();
-    assert_eq!((*last, after.second), (Holding, Holding));
+    for (robot, board) in [(TWO, 1), (THREE, 0), (THREE, 2)] {
+        let after = disturbed(robot, 4, 500_000, |simulation| {
+            without_line(simulation);
+            simulation.set_faults_of(board, dead, dead);
+        });
+        assert!(lost(&after).contains(&name(board)), "{}", lost(&after));
+        others_react("dead line", &after, board, &[Pausing]);
+        assert!(
+            after.last.iter().all(|state| *state == Holding),
+            "{:?}",
+            after.last
+        );
+    }
 }
 
 #[test]
-fn a_board_without_supply_makes_the_other_hold() {
-    use BoardState::Pausing;
-    let after = disturbed(5, 500_000, |simulation| {
-        without_line(simulation);
-        simulation.set_power_of(1, false).unwrap();
-    });
-    let Err(RunError::Client(ClientError::Link(LinkError::Boards { what, .. }))) = &after.done
-    else {
-        panic!("{:?}", after.done);
-    };
-    assert!(what.contains("board 2 (simulated 02)"), "{what}");
-    let first_s = after.first_s(&[Pausing]).unwrap();
-    println!("no supply: the other board after {:.1} ms", first_s * 1e3);
-    assert!(first_s < 0.15, "{first_s} s");
+fn a_board_without_supply_makes_the_others_hold() {
+    for (robot, board) in [(TWO, 1), (THREE, 1)] {
+        let after = disturbed(robot, 5, 500_000, |simulation| {
+            without_line(simulation);
+            simulation.set_power_of(board, false).unwrap();
+        });
+        assert!(lost(&after).contains(&name(board)), "{}", lost(&after));
+        others_react("no supply", &after, board, &[BoardState::Pausing]);
+    }
 }
 
 #[test]
 fn a_pause_and_a_way_on_leave_the_boards_together() {
-    let model = model();
-    let by_winches_us = skew_after_a_pause_us(&model, &IN_STEP);
-    let skew_us = skew_after_a_pause_us(&model, &APART);
-    println!("after a pause: skew {skew_us:.1} us, {by_winches_us:.1} us of it by the winches");
-    assert!((skew_us - by_winches_us).abs() < 20.0, "{skew_us} us");
+    for robot in [TWO, THREE] {
+        together(robot, late_after_a_pause_us);
+    }
 }
 
-fn skew_after_a_pause_us(model: &Model, times: &[BoardTime]) -> f64 {
+fn late_after_a_pause_us(model: &Model, times: &[BoardTime]) -> Vec<f64> {
     let link = robot_line(model, 6, times);
     let handle = Handle::new();
     let orders = handle.clone();
@@ -179,9 +293,8 @@ fn skew_after_a_pause_us(model: &Model, times: &[BoardTime]) -> f64 {
             given = 1;
             orders.order(Order::Pause);
         }
-        let rests = simulation.look_at(0).0 == BoardState::Holding
-            && simulation.look_at(1).0 == BoardState::Holding;
-        if given == 1 && rests {
+        let rests = || states(simulation).iter().all(|s| *s == BoardState::Holding);
+        if given == 1 && rests() {
             given = 2;
             orders.order(Order::Resume);
         }
@@ -191,12 +304,18 @@ fn skew_after_a_pause_us(model: &Model, times: &[BoardTime]) -> f64 {
     let mut trace = link.with(Simulation::take_trace);
     // One second after the way on: led together again.
     trace.retain(|point| point.path_ms > 5000);
-    skew_us(&plan, &trace)
+    late_us(&plan, &trace, model)
 }
 
 #[test]
 fn boards_that_are_swapped_or_another_robots_are_refused() {
-    let model = model();
+    for robot in [TWO, THREE] {
+        swapped_or_another_robots(robot);
+    }
+}
+
+fn swapped_or_another_robots(robot: &str) {
+    let model = model_of(robot);
     let link = robot_line(&model, 7, &APART);
     let home = || Homing::Place(model.robot().tool.home_in_world_m);
     let open = |link: SimulatedLink, model: &Model, home| {
@@ -204,26 +323,35 @@ fn boards_that_are_swapped_or_another_robots_are_refused() {
         let session = Session::open(model, link, SessionId(9), &handle, home, &NoStore);
         session.and_then(Session::close)
     };
-    // Both boards have the robot's configuration now.
+    // All boards have the robot's configuration now.
     open(link.clone(), &model, home()).unwrap();
-    // The same boards, the cables of the file the other way round.
+    // The same boards, the cables of the last two in the file the other way round.
     let mut swapped = model.robot().clone();
-    swapped.boards.reverse();
+    let last = swapped.boards.len() - 1;
+    swapped.boards.swap(last - 1, last);
     let lines = link.lines().unwrap();
     let model_of = Model::new(&swapped).unwrap();
     let other = SimulatedLink::joined(&swapped, lines.clone()).unwrap();
     let error = open(other, &model_of, home()).unwrap_err().to_string();
-    assert!(error.contains("swapped"), "{error}");
-    // A robot whose second board's winches are others.
+    let said = format!(
+        "{} has the configuration of board {}",
+        name(last - 1),
+        last + 1
+    );
+    assert!(
+        error.contains(&said) && error.contains("swapped"),
+        "{error}"
+    );
+    // A robot whose last board's winches are others.
     let mut another = model.robot().clone();
-    for cable in 4..8 {
+    for cable in another.boards[last].cables.clone() {
         another.winches[cable].drum_radius_m *= 1.1;
     }
     let model_of = Model::new(&another).unwrap();
     let other = SimulatedLink::joined(&another, lines).unwrap();
     let error = open(other, &model_of, home()).unwrap_err().to_string();
     assert!(
-        error.contains("board 2") && error.contains("another robot"),
+        error.contains(&name(last)) && error.contains("another robot"),
         "{error}"
     );
 }

@@ -8,6 +8,7 @@ use mcdpr_core::run::{Homing, NoStore, RunError, Session};
 use mcdpr_protocol::{FaultId, FaultRecord, SessionId};
 use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
 use mcdpr_twin::SimulatedLink;
+use mcdpr_twin::line::in_process;
 use mcdpr_twin::plant::{Mismatch, at_rest};
 
 /// What a brake must hold, N: one and a half times the load, or the load and 1 N.
@@ -29,8 +30,8 @@ fn arm(
         let fault = &mut plant.faults_mut().cables[cable].brake;
         fault.holding_factor = share * needed_n(load_n) / full_n;
     }
-    let simulation = Simulation::new(plant, &LinkOptions::default(), seed).unwrap();
-    let link = SimulatedLink::new(simulation);
+    let line = LinkOptions::default();
+    let link = SimulatedLink::of(robot, plant, &line, seed, &in_process).unwrap();
     link.with(Simulation::record_truth);
     let handle = Handle::default();
     let home = Homing::Place(robot.tool.home_in_world_m);
@@ -57,13 +58,14 @@ fn rubs(name: &str) -> bool {
 }
 
 /// Every robot file that hangs at home.
-const ROBOTS: [&str; 11] = [
+const ROBOTS: [&str; 12] = [
     "paper-optimistic",
     "paper-table3",
     "paper-table5",
     "lab-fast",
     "lab-direct",
     "eight-cable",
+    "eight-three-boards",
     "eight-suspended",
     "six-cable",
     "three-point",

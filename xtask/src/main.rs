@@ -31,6 +31,7 @@ playground  build the page with a simulated robot in it, without a server (targe
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  faults in every phase of work, measured from the injection (--robot R, --runs N, --seed N, --undisturbed, --list)
 study invariants  ten thousand runs with random faults on random robots (--runs N, --seed N)
+study boards  how far apart the boards of a robot are over an hour of motion (--robot R, --minutes N, --seeds N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
 study own-frame  three frames from a few answers to a calibrated robot that picks (--runs N, --seed N)
 study mutants  small changes of the control core or the protocol that its tests must notice, with cargo-mutants, which
@@ -91,6 +92,7 @@ fn study() -> Result<(), String> {
     let chosen = arguments.split_first();
     let (package, example, options) = match chosen.map(|(a, b)| (a.as_str(), b)) {
         Some(("faults", options)) => ("mcdpr-twin", "fault_survey", options),
+        Some(("boards", options)) => ("mcdpr-twin", "boards_hour", options),
         Some(("invariants", options)) => ("mcdpr", "fault_study", options),
         Some(("planning", options)) => ("mcdpr-tests", "planning_study", options),
         Some(("mutants", options)) => return mutants::study(options),

@@ -1,5 +1,6 @@
 //! Which cable is on which channel of which board, and messages split and joined by it.
 
+use crate::faults::is_of_board;
 use crate::robot::Robot;
 use mcdpr_protocol::config::{BoardKey, KeyMeaning};
 use mcdpr_protocol::{ConfigEntry, ConfigKey, FaultRecord, Knot, List, PerCable, Reject};
@@ -80,10 +81,15 @@ impl Layout {
         cable.map_or(0, |cable| u8::try_from(cable + 1).unwrap_or(0))
     }
 
-    /// A board's fault in the robot's numbers of cables.
+    /// A board's fault in the robot's numbers of cables; a fault of the board itself with the board's number.
     pub(super) fn fault(&self, board: usize, record: FaultRecord) -> FaultRecord {
+        let of_board = is_of_board(record.fault) && record.cable == 0 && record.value == 0;
         FaultRecord {
             cable: self.number(board, record.cable),
+            value: match i32::try_from(board + 1) {
+                Ok(number) if of_board => number,
+                _ => record.value,
+            },
             ..record
         }
     }
@@ -144,7 +150,8 @@ impl Layout {
             };
             others(&row.lengths) && others(&row.tensions)
         };
-        let rows = whole.rows.iter().filter(mine);
+        // The board takes the first row for slip and the second for contact: one that is left out leaves out the second.
+        let rows = whole.rows.iter().take_while(mine);
         Knot {
             cables: self.part(board, &whole.cables),
             rows: List::collect(rows.map(|row| mcdpr_protocol::ResidualRow {

@@ -76,6 +76,10 @@ pub const BUILT_IN: &[(&str, &str)] = &[
         include_str!("../../../robots/eight-two-boards.toml"),
     ),
     (
+        "eight-three-boards",
+        include_str!("../../../robots/eight-three-boards.toml"),
+    ),
+    (
         "eight-suspended",
         include_str!("../../../robots/eight-suspended.toml"),
     ),

@@ -26,9 +26,20 @@ pub struct Recorder {
     /// The least motion that a board had in its buffer while more was to come, s: by its clock and
     /// its last confirmation. `None` if a motion was sent whole before it started.
     pub least_buffered_s: Option<f64>,
+    /// Samples are not kept.
+    without_samples: bool,
 }
 
 impl Recorder {
+    /// Keeps no samples: those of an hour take more than a gigabyte.
+    #[must_use]
+    pub fn without_samples() -> Self {
+        Self {
+            without_samples: true,
+            ..Self::default()
+        }
+    }
+
     /// The board has this much motion left, s, and more is to come.
     pub(super) fn buffered(&mut self, seconds: f64) {
         let least = self.least_buffered_s.get_or_insert(seconds);
@@ -38,6 +49,9 @@ impl Recorder {
     /// Takes a block of samples; `duration_s` is that of the motion: past its end no path time is
     /// given.
     pub fn take(&mut self, block: &SampleBlock, duration_s: f64) {
+        if self.without_samples {
+            return;
+        }
         let first = block.tick;
         self.samples.extend(unpacked(block).into_iter().map(|row| {
             let since_first = row.tick.since(first);

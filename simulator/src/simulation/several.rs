@@ -11,6 +11,9 @@ use crate::plant::{Plant, PlantError};
 use crate::wire::LinkOptions;
 
 use super::{Port, Simulation};
+use mcdpr_firmware::State;
+use mcdpr_protocol::{PerCable, TenthMicrometres, Tick};
+use std::f64::consts::TAU;
 
 /// Step of a board's bus, µs of the board's time: one step of the plant.
 const STEP_US: u64 = 100;
@@ -22,6 +25,40 @@ pub struct BoardTime {
     pub slow_ppm: f64,
     /// When its first millisecond begins, true time, µs.
     pub begins_us: f64,
+    /// Greatest further change by temperature, parts in a million: a sine over time, slower first; negative is faster
+    /// first.
+    pub swing_ppm: f64,
+    /// Period of that change, s; 0 for none.
+    pub swing_s: f64,
+}
+
+impl BoardTime {
+    /// True time of a moment of the board's own time, both µs.
+    #[must_use]
+    pub fn true_us(&self, own_us: f64) -> f64 {
+        let steady_us = self.begins_us + own_us * (1.0 + self.slow_ppm * 1e-6);
+        if self.swing_s <= 0.0 {
+            return steady_us;
+        }
+        // The sine of the rate, integrated.
+        let per_us = TAU / (self.swing_s * 1e6);
+        steady_us + self.swing_ppm * 1e-6 * (1.0 - libm::cos(own_us * per_us)) / per_us
+    }
+}
+
+/// What one of several boards does in a tick. For studies and tests: a host cannot see it.
+#[derive(Debug, Clone)]
+pub struct BoardPoint {
+    /// Board, from 0.
+    pub board: usize,
+    /// True time of the tick, µs.
+    pub at_us: f64,
+    /// The board's state.
+    pub state: State,
+    /// The board's path time from the moment at which the robot's path begins on the first board, ms.
+    pub path_ms: u32,
+    /// Paid-out lengths that it wants, by channel.
+    pub lengths: PerCable<TenthMicrometres>,
 }
 
 /// A board's clock and how far it has come.
@@ -42,8 +79,7 @@ impl Clock {
     )]
     fn end_ns(&self, step_us: u64) -> u64 {
         let own_us = ((self.steps + 1) * step_us) as f64;
-        let true_us = self.time.begins_us + own_us * (1.0 + self.time.slow_ppm * 1e-6);
-        (true_us * 1e3) as u64
+        (self.time.true_us(own_us) * 1e3) as u64
     }
 }
 
@@ -195,11 +231,41 @@ impl Simulation {
         port.board.hear_fault_line(high);
         let before = port.board.now();
         port.work(&mut self.plant, now_us, &mut self.received, &mut self.send)?;
+        self.note_board(board, before, due_ns);
         if board == 0 {
             self.note_tick(before)
         } else {
             Ok(())
         }
+    }
+
+    /// The record's point of a board's tick.
+    fn note_board(&mut self, board: usize, before: Tick, due_ns: u64) {
+        let (Some(points), Some(port)) = (&mut self.points, self.ports.get(board)) else {
+            return;
+        };
+        // A slice may be a part of a tick: one point per tick.
+        if port.board.now() != before {
+            #[expect(clippy::cast_precision_loss, reason = "days in ns are exact")]
+            let at_us = due_ns as f64 * 1e-3;
+            points.push(BoardPoint {
+                board,
+                at_us,
+                state: port.board.state(),
+                path_ms: port.board.path_ms().saturating_sub(self.path_zero_ms),
+                lengths: port.board.wanted(),
+            });
+        }
+    }
+
+    /// Starts recording what each of several boards does in its ticks.
+    pub fn record_boards(&mut self) {
+        self.points.get_or_insert_default();
+    }
+
+    /// What the boards did since the last call, in the order of time.
+    pub fn take_boards(&mut self) -> Vec<BoardPoint> {
+        self.points.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// Level of the fault line at a board's input.

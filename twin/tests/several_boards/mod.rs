@@ -1,4 +1,4 @@
-//! The robot `eight-two-boards` in motion, and what is done to it meanwhile.
+//! Robots on several boards in motion, and what is done to them meanwhile.
 #![allow(dead_code, reason = "each test program uses a part")]
 
 use mcdpr_core::control::Handle;
@@ -7,33 +7,36 @@ use mcdpr_core::motion::{Model, Plan, Task};
 use mcdpr_core::robot::Robot;
 use mcdpr_core::run::{Homing, NoStore, Recorder, RunError, Session};
 use mcdpr_protocol::{BoardState, SessionId};
-use mcdpr_simulator::{BoardTime, FaultLineTap, LinkOptions, Simulation};
+use mcdpr_simulator::{BoardPoint, BoardTime, FaultLineTap, LinkOptions, Simulation};
 use mcdpr_twin::SimulatedLink;
 use mcdpr_twin::line::in_process;
 use mcdpr_twin::plant::{Mismatch, at_rest};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Crystals 120 ppm apart, ticks three quarters of a millisecond apart.
-pub const APART: [BoardTime; 2] = [
-    BoardTime {
-        slow_ppm: 60.0,
-        begins_us: 110.0,
-    },
-    BoardTime {
-        slow_ppm: -60.0,
-        begins_us: 860.0,
-    },
-];
+/// The robot with two boards.
+pub const TWO: &str = "eight-two-boards";
+/// The robot with three boards.
+pub const THREE: &str = "eight-three-boards";
 
-/// Both boards by one clock.
-pub const IN_STEP: [BoardTime; 2] = [BoardTime {
-    slow_ppm: 0.0,
-    begins_us: 110.0,
-}; 2];
+/// Crystals of the first two boards 120 ppm apart, ticks three quarters of a millisecond apart; a third board is
+/// between them. A robot with two boards has the first two.
+pub const APART: [BoardTime; 3] = [clock(60.0, 110.0), clock(-60.0, 860.0), clock(-15.0, 430.0)];
 
-pub fn model() -> Model {
-    Model::new(&Robot::built_in("eight-two-boards").unwrap()).unwrap()
+/// All boards by one clock.
+pub const IN_STEP: [BoardTime; 3] = [clock(0.0, 110.0); 3];
+
+const fn clock(slow_ppm: f64, begins_us: f64) -> BoardTime {
+    BoardTime {
+        slow_ppm,
+        begins_us,
+        swing_ppm: 0.0,
+        swing_s: 0.0,
+    }
+}
+
+pub fn model_of(robot: &str) -> Model {
+    Model::new(&Robot::built_in(robot).unwrap()).unwrap()
 }
 
 pub fn robot_line(model: &Model, seed: u64, times: &[BoardTime]) -> SimulatedLink {
@@ -43,8 +46,19 @@ pub fn robot_line(model: &Model, seed: u64, times: &[BoardTime]) -> SimulatedLin
     SimulatedLink::timed(robot, plant, &line, seed, &in_process, times).unwrap()
 }
 
-/// Time, µs, and the states of both boards.
-pub type Seen = Vec<(u64, [BoardState; 2])>;
+/// Time, µs, and the states of all boards.
+pub type Seen = Vec<(u64, Vec<BoardState>)>;
+
+/// The states of all boards now.
+pub fn states(simulation: &Simulation) -> Vec<BoardState> {
+    let boards = 0..simulation.boards();
+    boards.map(|board| simulation.look_at(board).0).collect()
+}
+
+/// What messages call a board, from 0.
+pub fn name(board: usize) -> String {
+    format!("board {0} (simulated {0:02})", board + 1)
+}
 
 /// A line that looks at the boards while its time passes, and disturbs the robot once.
 struct Watching<F> {
@@ -69,7 +83,7 @@ impl<F: FnMut(&mut Simulation, u64)> Link for Watching<F> {
             let now = self.inner.receive(piece_us, into)?;
             let states = self.inner.with(|simulation| {
                 (self.act)(simulation, now);
-                [simulation.look_at(0).0, simulation.look_at(1).0]
+                states(simulation)
             });
             let mut seen = self.seen.borrow_mut();
             if seen.last().is_none_or(|(_, last)| *last != states) {
@@ -121,33 +135,39 @@ pub fn run_over(
 /// What came of a disturbance.
 pub struct After {
     pub done: Result<Plan, RunError>,
-    /// State of the first board in every tick, with the time since the disturbance, s.
-    pub first: Vec<(f64, BoardState)>,
-    /// State of the second board at the end.
-    pub second: BoardState,
-    /// Changes of both boards' states while the host was there.
-    pub both: Seen,
+    /// What the boards did in their ticks since then.
+    pub points: Vec<BoardPoint>,
+    /// True time of the disturbance, µs.
+    pub at_us: f64,
+    /// The boards' states at the end.
+    pub last: Vec<BoardState>,
 }
 
 impl After {
-    /// When the first board was in one of these states, s.
-    pub fn first_s(&self, wanted: &[BoardState]) -> Option<f64> {
-        let found = self.first.iter().find(|(_, state)| wanted.contains(state));
-        found.map(|(after_s, _)| *after_s)
+    /// When a board, from 0, first was in one of these states, s.
+    pub fn first_s(&self, board: usize, wanted: &[BoardState]) -> Option<f64> {
+        let mut of_it = self.points.iter().filter(|point| point.board == board);
+        let found = of_it.find(|point| wanted.contains(&point.state));
+        found.map(|point| (point.at_us - self.at_us) * 1e-6)
+    }
+
+    /// The boards but this one.
+    pub fn others(&self, board: usize) -> impl Iterator<Item = usize> + use<> {
+        (0..self.last.len()).filter(move |other| *other != board)
     }
 }
 
 /// Boards whose transistors do not pull: each has the host alone. It is not noticed before the next arming.
 pub fn without_line(simulation: &mut Simulation) {
-    for board in 0..2 {
+    for board in 0..simulation.boards() {
         simulation.set_fault_line_of(board, FaultLineTap::Mute);
     }
 }
 
 /// Moves, and at 3 s of the motion does something; `then_us` after the host's end, what the boards do
 /// by themselves is looked at.
-pub fn disturbed(seed: u64, then_us: u64, act: impl Fn(&mut Simulation)) -> After {
-    disturbed_again(seed, then_us, |simulation, since_us| {
+pub fn disturbed(robot: &str, seed: u64, then_us: u64, act: impl Fn(&mut Simulation)) -> After {
+    disturbed_again(robot, seed, then_us, |simulation, since_us| {
         if since_us == 0 {
             act(simulation);
         }
@@ -156,39 +176,37 @@ pub fn disturbed(seed: u64, then_us: u64, act: impl Fn(&mut Simulation)) -> Afte
 
 /// As [`disturbed`], with the time since the first disturbance, µs, again and again.
 pub fn disturbed_again(
+    robot: &str,
     seed: u64,
     then_us: u64,
     mut act: impl FnMut(&mut Simulation, u64),
 ) -> After {
-    let model = model();
+    let model = model_of(robot);
     let link = robot_line(&model, seed, &APART);
-    let when = Rc::new(RefCell::new(None));
-    let noted = Rc::clone(&when);
     let mut began_us = None;
-    let (done, both) = run(&link, &model, &Handle::new(), |simulation, now_us| {
-        if noted.borrow().is_none() && simulation.path_ms() >= 3000 {
-            *noted.borrow_mut() = Some(simulation.plant().time_s());
+    let (done, _) = run(&link, &model, &Handle::new(), |simulation, now_us| {
+        if began_us.is_none() && simulation.path_ms() >= 3000 {
             began_us = Some(now_us);
+            simulation.record_boards();
         }
         if let Some(began_us) = began_us {
             act(simulation, now_us - began_us);
         }
     });
-    let at_s = when.borrow().expect("the motion came to its third second");
+    let at_us = began_us.expect("the motion came to its third second") as f64;
     // What the boards do by themselves after the host has gone.
-    link.with(|simulation| {
+    let last = link.with(|simulation| {
         let until_us = simulation.now_us() + then_us;
         while simulation.now_us() < until_us {
-            let mut unread = [Vec::new(), Vec::new()];
+            let mut unread = vec![Vec::new(); simulation.boards()];
             simulation.advance_all(until_us, &mut unread).unwrap();
         }
+        states(simulation)
     });
-    let trace = link.with(Simulation::take_trace);
-    let after = trace.iter().map(|p| (p.truth.time_s - at_s, p.state));
     After {
         done,
-        first: after.filter(|(after_s, _)| *after_s >= 0.0).collect(),
-        second: link.with(|simulation| simulation.look_at(1).0),
-        both,
+        points: link.with(Simulation::take_boards),
+        at_us,
+        last,
     }
 }
