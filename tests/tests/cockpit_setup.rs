@@ -483,18 +483,18 @@ fn a_port_is_released_to_a_step_and_taken_back() {
     );
     // It works, and what is tracked meanwhile outlasts the command.
     open(&mut page, "track");
-    page.fill("step-track-laps", "2");
+    page.fill("step-track-laps", "1");
     wait(
         &mut page,
         &format!(
-            "{}.includes('mcdpr run --track fitting --laps 2 ')",
+            "{}.includes('mcdpr run --track fitting --laps 1 ')",
             line("track")
         ),
     );
     run_confirmed(&mut page, "track");
     wait(&mut page, &is("track", "done"));
     let output = "document.getElementById('step-track-output').textContent";
-    wait(&mut page, &format!("{output}.includes('tracked: 3 rests')"));
+    wait(&mut page, &format!("{output}.includes('tracked: 2 rests')"));
     wait(&mut page, here);
     open(&mut page, "tracked");
     page.click("#step-tracked-run");
@@ -506,7 +506,7 @@ fn a_port_is_released_to_a_step_and_taken_back() {
     );
     wait(
         &mut page,
-        &format!("{output}.includes('3 rests, 3 fitted')"),
+        &format!("{output}.includes('2 rests, 2 fitted')"),
     );
 }
 

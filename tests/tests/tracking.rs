@@ -230,7 +230,8 @@ fn a_cold_gear_is_measured_by_the_motion_and_the_board_gets_its_friction() {
     }
     println!("{shares:?}");
     // Behind a port it is kept, and the next run's board is configured with it.
-    let simulator = Simulator::start_with(SCALE, &["--robot", "cold.toml", "--seed", "11"]);
+    let path = folder.path().join("cold.toml").display().to_string();
+    let simulator = Simulator::start_with(SCALE, &["--robot", &path, "--seed", "11"]);
     let run = || {
         let words = [
             "run",
