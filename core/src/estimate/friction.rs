@@ -91,7 +91,7 @@ struct Stretch {
 
 /// The frictions of a robot's winches, cable by cable; `None` for those that do not show theirs.
 #[derive(Debug, Clone)]
-pub struct Frictions {
+pub(crate) struct Frictions {
     cables: Vec<Option<Turning>>,
 }
 
@@ -122,7 +122,7 @@ impl Frictions {
             if let (Some(turning), Some(found)) = (cable, kept.as_ref().filter(valid)) {
                 let drift = DRIFT_PER_SQRT_S * seconds.max(0.0).sqrt();
                 turning.share = found.share;
-                turning.own_se = found.share_se.hypot(drift).min(PRIOR);
+                turning.own_se = libm::hypot(found.share_se, drift).min(PRIOR);
             }
         }
     }
@@ -132,7 +132,7 @@ impl Frictions {
     pub fn all(&self) -> Vec<Option<Friction>> {
         let of = |turning: &Turning| Friction {
             share: turning.share,
-            share_se: turning.own_se.hypot(turning.common_se),
+            share_se: libm::hypot(turning.own_se, turning.common_se),
         };
         self.cables
             .iter()
@@ -203,7 +203,7 @@ impl Turning {
         let gain = before / (before + noise);
         self.share += gain * (rubs_n / file_n - self.share);
         self.own_se = ((1.0 - gain) * before).sqrt();
-        self.common_se = CONSTANT.hypot(EFFICIENCY * tension_n.abs() / file_n);
+        self.common_se = libm::hypot(CONSTANT, EFFICIENCY * tension_n.abs() / file_n);
     }
 }
 

@@ -136,7 +136,7 @@ impl Model {
 
     /// The same robot whose rotors and gears rub so many times as much, cable by cable; a missing value is 1.
     #[must_use]
-    pub fn with_friction(mut self, shares: &[f64]) -> Self {
+    pub(crate) fn with_friction(mut self, shares: &[f64]) -> Self {
         for (cable, share) in self.robot.cables.iter().zip(shares) {
             let winch = self.robot.winches.get_mut(cable.winch_index);
             if let Some(gear) = winch.and_then(|winch| winch.gear.as_mut()) {

@@ -35,7 +35,7 @@ pub struct BoardTime {
 impl BoardTime {
     /// True time of a moment of the board's own time, both µs.
     #[must_use]
-    pub fn true_us(&self, own_us: f64) -> f64 {
+    pub(crate) fn true_us(&self, own_us: f64) -> f64 {
         let steady_us = self.begins_us + own_us * (1.0 + self.slow_ppm * 1e-6);
         if self.swing_s <= 0.0 {
             return steady_us;
