@@ -31,6 +31,26 @@ impl Folder {
     pub fn path(&self) -> &Path {
         &self.0
     }
+
+    /// Puts a copy of a shipped robot file here, in which these texts stand for others.
+    ///
+    /// # Panics
+    /// Where a text is not in the file.
+    #[must_use]
+    pub fn robot(&self, shipped: &str, name: &str, changes: &[(&str, &str)]) -> PathBuf {
+        let source = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../robots")
+            .join(format!("{shipped}.toml"));
+        let mut text =
+            std::fs::read_to_string(source).unwrap_or_else(|error| panic!("{shipped}: {error}"));
+        for (from, to) in changes {
+            assert!(text.contains(from), "{shipped} has no {from}");
+            text = text.replace(from, to);
+        }
+        let path = self.0.join(name);
+        std::fs::write(&path, text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        path
+    }
 }
 
 impl Drop for Folder {

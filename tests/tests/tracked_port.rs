@@ -110,17 +110,12 @@ fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
 fn the_board_of_the_next_run_gets_the_friction_that_was_found() {
     let _alone = alone();
     let folder = Folder::new("tracked-port-friction");
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .unwrap();
-    let text = std::fs::read_to_string(root.join("robots/paper-table5.toml")).unwrap();
     // Cold, the simulated gears rub 1.7 times as much as the file says.
-    let cold = text.replace(
+    let cold = (
         "static_friction = 1.3",
         "static_friction = 1.3\ncold_friction = 1.7",
     );
-    let path = folder.path().join("cold.toml");
-    std::fs::write(&path, cold).unwrap();
+    let path = folder.robot("paper-table5", "cold.toml", &[cold]);
     let gear = robot::load(&path).unwrap().winches[3].gear.unwrap();
     let file_mnm = (gear.rotor_friction_nm + gear.gear_friction_nm) * 1e3;
     let path = path.display().to_string();

@@ -77,6 +77,12 @@ fn an_anchor_that_is_knocked_is_named_and_followed() {
     assert!(rests["named_within_two"].as_u64().unwrap() >= 3, "{rests}");
 }
 
+/// Gears that are cold, in a robot file.
+const COLD: (&str, &str) = (
+    "static_friction = 1.3",
+    "static_friction = 1.3\ncold_friction = 1.7",
+);
+
 /// Friction of rotor and gear, mN m at the motor: of the winches of a robot.
 fn rubs_mnm(robot: &Robot) -> Vec<f64> {
     let gears = robot.winches.iter().map(|winch| winch.gear.unwrap());
@@ -88,17 +94,9 @@ fn rubs_mnm(robot: &Robot) -> Vec<f64> {
 #[test]
 fn a_cold_gear_is_measured_by_the_motion() {
     let folder = Folder::new("tracked-friction");
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .unwrap();
-    let text = std::fs::read_to_string(root.join("robots/paper-table5.toml")).unwrap();
     // Cold, the simulated gears rub 1.7 times as much as the file says; the board is not told.
-    let cold = text.replace(
-        "static_friction = 1.3",
-        "static_friction = 1.3\ncold_friction = 1.7",
-    );
-    std::fs::write(folder.path().join("cold.toml"), cold).unwrap();
-    let file = robot::load(&folder.path().join("cold.toml")).unwrap();
+    let path = folder.robot("paper-table5", "cold.toml", &[COLD]);
+    let file = robot::load(&path).unwrap();
     for seed in ["11", "12", "13"] {
         let words = [
             "run",

@@ -27,14 +27,8 @@ fn run(folder: &Folder, arguments: &[&str]) -> Output {
 /// replacements in its text; the output, and the robot file of the machine.
 fn commissioned(name: &str, winch: &str, changes: &[(&str, &str)]) -> (Folder, Output, Robot) {
     let folder = Folder::new(name);
-    let says = robot_text();
-    let mut built = says.clone();
-    for (from, to) in changes {
-        assert!(built.contains(from), "{from}");
-        built = built.replace(from, to);
-    }
-    std::fs::write(folder.path().join("says.toml"), &says).unwrap();
-    std::fs::write(folder.path().join("built.toml"), built).unwrap();
+    let _ = folder.robot("paper-table5", "says.toml", &[]);
+    let _ = folder.robot("paper-table5", "built.toml", changes);
     let words = format!(
         "commission {winch} --robot says.toml --built built.toml --weight-kg 1 --temperature-c 23.5 --json --out w.toml"
     );
@@ -106,6 +100,24 @@ fn commissioning_finds_friction_play_loss_and_stiffness_of_a_geared_winch() {
     let differs = found["differs"].to_string();
     for key in ["play_deg", "friction", "gear_efficiency"] {
         assert!(differs.contains(key), "{differs}");
+    }
+    // What was measured is drawn, under the values that were found.
+    let runs = std::fs::read_dir(folder.path().join("runs")).unwrap();
+    let [run] = runs.map(|run| run.unwrap().path()).collect::<Vec<_>>()[..] else {
+        panic!("one run folder")
+    };
+    let drawn = std::fs::read_to_string(run.join("commission.svg")).unwrap();
+    for title in [
+        format!("friction {:.3} mN m", friction_nm * 1e3),
+        format!("play {:.2} degrees", number("rubbing", "play_deg")),
+        format!("stiffness {stiffness:.0} N m/rad"),
+        format!(
+            "loss: {:.0} %, driven {:.0} %",
+            number("loss", "efficiency") * 100.0,
+            number("loss", "backdrive_efficiency") * 100.0
+        ),
+    ] {
+        assert!(drawn.contains(&title), "{title}");
     }
     // A robot file takes the module over.
     let module = std::fs::read_to_string(folder.path().join("w.toml")).unwrap();

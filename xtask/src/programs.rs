@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::sync::mpsc;
 
 /// Programs that measure reaction times, or whose boards run by the clock: nothing runs beside them. They come last.
-const ALONE: [&str; 9] = [
+const ALONE: [&str; 10] = [
     "two_ports",
     "hil",
     "page",
@@ -17,6 +17,7 @@ const ALONE: [&str; 9] = [
     "cockpit_charts",
     "cockpit_setup",
     "playground",
+    "tracked_port",
 ];
 /// Programs that take longest: they begin first, so that none of them is left at the end.
 const LONG: [&str; 6] = [

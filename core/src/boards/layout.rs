@@ -163,3 +163,60 @@ impl Layout {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::Robot;
+    use mcdpr_protocol::{Coefficient, FaultId, Micrometres, ResidualRow, Tick};
+
+    fn layout() -> Layout {
+        Layout::of(&Robot::built_in("eight-two-boards").unwrap()).unwrap()
+    }
+
+    /// A row of which these cables have a length's coefficient, with this limit.
+    fn row(cables: std::ops::Range<usize>, limit: i32) -> ResidualRow {
+        let of = |cable| Coefficient(i16::from(cables.contains(&cable)));
+        ResidualRow {
+            lengths: PerCable::collect((0..8).map(of)),
+            tensions: PerCable::collect((0..8).map(|_| Coefficient(0))),
+            limit: Micrometres(limit),
+        }
+    }
+
+    #[test]
+    fn a_row_that_a_board_cannot_compute_leaves_out_the_rows_after_it() {
+        let layout = layout();
+        let rows_of = |first: ResidualRow, second: ResidualRow| {
+            let knot = Knot {
+                rows: List::collect([first, second].into_iter()),
+                ..Knot::default()
+            };
+            let part = layout.knot(0, &knot);
+            part.rows.iter().map(|row| row.limit.0).collect::<Vec<_>>()
+        };
+        // A board takes its first row for slip (S5), its second for contact (C5).
+        assert_eq!(rows_of(row(0..4, 5), row(0..3, 9)), [5, 9]);
+        assert_eq!(rows_of(row(0..4, 5), row(0..8, 9)), [5]);
+        assert_eq!(rows_of(row(0..8, 5), row(0..3, 9)), [0; 0]);
+    }
+
+    #[test]
+    fn a_fault_of_a_board_names_the_board_and_one_of_a_cable_the_robots_cable() {
+        let layout = layout();
+        let record = |fault, cable, value| FaultRecord {
+            fault,
+            cable,
+            value,
+            tick: Tick(0),
+            limit: 0,
+        };
+        for fault in [FaultId::L19, FaultId::P1, FaultId::P4, FaultId::K6] {
+            let told = layout.fault(1, record(fault, 0, 0));
+            assert_eq!((told.cable, told.value), (0, 2), "{fault:?}");
+            assert!(crate::faults::describe_fault(&told).ends_with("(told by board 2)"));
+        }
+        let told = layout.fault(1, record(FaultId::C1, 3, 700));
+        assert_eq!((told.cable, told.value), (7, 700));
+    }
+}

@@ -381,4 +381,46 @@ mod tests {
             doubt(false)
         );
     }
+
+    #[test]
+    fn plans_follow_the_friction_of_the_last_motion() {
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let mut tracking = Tracking::new(&model, &Prior::default());
+        let winch = model.robot().winch_of(3).unwrap();
+        let gear = *winch.gear.as_ref().unwrap();
+        let (rest, pose) = rest_of(&model, 0.0, 0);
+        // Cable 4 is reeled in at 20 mm/s by a motor that gives its load and 15 N of friction, as much as the file says and
+        // half as much again.
+        let per_rpm = winch.max_cable_speed_mps() / winch.max_motor_rpm;
+        let viscous_n =
+            gear.viscous_nm_per_rpm * 0.02 / per_rpm * winch.gear_ratio / winch.drum_radius_m;
+        let rubs_n = 1.5 * (winch.total_friction_n() - winch.friction_n) + viscous_n;
+        let motor_n = (rest.tensions_n[3] + winch.friction_n) / gear.efficiency + rubs_n;
+        let samples: Vec<Measured> = (0..3000)
+            .map(|tick| Measured {
+                tick,
+                path_s: Some(f64::from(tick) * 1e-3),
+                lengths_m: rest
+                    .lengths_m
+                    .iter()
+                    .map(|l| l - f64::from(tick) * 2e-5)
+                    .collect(),
+                tensions_n: rest.tensions_n.clone(),
+                currents_a: vec![-motor_n / winch.force_per_current_n_per_a(); 4],
+            })
+            .collect();
+        tracking.moved(&samples);
+        let _ = tracking.rest(rest, &pose).unwrap();
+        let rubs_nm = |model: &Model, cable: usize| {
+            let gear = model.robot().winch_of(cable).unwrap().gear.unwrap();
+            gear.rotor_friction_nm + gear.gear_friction_nm
+        };
+        let share = |of: &Model, cable: usize| rubs_nm(of, cable) / rubs_nm(&model, cable);
+        let configured = tracking.rubbing_as_found(model.clone());
+        for of in [tracking.model(), &configured] {
+            assert!((share(of, 3) - 1.5).abs() < 0.05, "{}", share(of, 3));
+            // Nothing is known of the winches that are held by length.
+            assert!((share(of, 0) - 1.0).abs() < 1e-12);
+        }
+    }
 }

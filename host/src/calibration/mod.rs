@@ -5,5 +5,6 @@
 pub mod collect;
 pub(crate) mod history;
 pub mod result;
+pub(crate) mod simulated;
 
 pub use mcdpr_calibration::*;

@@ -5,15 +5,14 @@
 //! the machine as built, the printed board, chosen poses, the joint estimate.
 
 use super::PickError;
-use crate::calibration::collect::{CollectError, Options, collect};
+use crate::calibration::collect::{CollectError, Options};
 use crate::calibration::simulate::Target;
-use crate::calibration::{Options as Estimator, joint, result, target};
+use crate::calibration::{Options as Estimator, joint, result, simulated, target};
 use crate::experiment::SimulatedRobot;
 use crate::machine::{Controller, Mismatch};
 use crate::motion::Model;
 use crate::robot::Robot;
 use crate::run::RunError;
-use crate::sight::{Scene, SimulatedTags, SimulatedTilt, WithTilt};
 use mcdpr_protocol::SessionId;
 use std::fmt::Display;
 
@@ -25,8 +24,6 @@ const CANDIDATES: usize = 100;
 const SETS: u64 = 3;
 /// From one set's seed to the next one's: far from the seeds of other machines.
 const SET_SEED: u64 = 1_000_003;
-/// Noise of a tag's corner in one picture, px.
-const CORNER_PX: f64 = 0.1;
 
 /// The robot with the result of a calibration of the machine with this seed. It represents that
 /// machine (`kind` as `--machine` names it, as built without) from then on, as after `mcdpr calibrate all --target board`.
@@ -63,15 +60,7 @@ pub fn calibrated_by(
         .and_then(Mismatch::named)
         .unwrap_or(Mismatch::as_built());
     let measure = |set: u64| {
-        let link = SimulatedRobot::new(mismatch, seed)
-            .controller(controller)
-            .at_home(&model)?;
-        let scene = Scene::of(&with_board, seed);
-        let imu = robot.imu;
-        let mut tags = WithTilt {
-            tags: SimulatedTags::new(link.clone(), scene, CORNER_PX, seed),
-            tilt: imu.map(|imu| SimulatedTilt::new(link.clone(), imu.noise_rad, seed)),
-        };
+        let machine = SimulatedRobot::new(mismatch, seed).controller(controller);
         let options = Options {
             poses,
             candidates: CANDIDATES,
@@ -82,9 +71,7 @@ pub fn calibrated_by(
             session: Some(SessionId(1)),
             ..Options::default()
         };
-        let keep = |_: &_| Ok(());
-        let collected = collect(&model, link, &mut tags, &options, None, keep, |_| {});
-        collected.map_err(|error| match error {
+        simulated::collected(&model, &machine, seed, &options).map_err(|error| match error {
             CollectError::Run(RunError::Interrupted) => RunError::Interrupted.into(),
             error => failed(&error),
         })

@@ -327,3 +327,38 @@ impl Simulation {
         (board.state(), board.path_ms())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 30 ppm slow, and up to 10 ppm more or less by temperature, within 20 minutes.
+    const WARMED: BoardTime = BoardTime {
+        slow_ppm: 30.0,
+        begins_us: 700.0,
+        swing_ppm: 10.0,
+        swing_s: 1200.0,
+    };
+
+    #[test]
+    fn a_crystals_rate_swings_with_its_temperature() {
+        // Rate over a second, less that of true time, ppm.
+        let ppm_at = |own_s: f64| {
+            let at = |second: f64| WARMED.true_us(second * 1e6);
+            at(own_s + 1.0) - at(own_s) - 1e6
+        };
+        for (own_s, ppm) in [(0.0, 30.0), (300.0, 40.0), (600.0, 30.0), (900.0, 20.0)] {
+            assert!(
+                (ppm_at(own_s) - ppm).abs() < 0.1,
+                "{own_s} s: {}",
+                ppm_at(own_s)
+            );
+        }
+        // Nothing is left of it after a period.
+        let whole_us = WARMED.true_us(1.2e9) - 700.0;
+        assert!(
+            (whole_us - 1.2e9 * (1.0 + 30e-6)).abs() < 1e-3,
+            "{whole_us}"
+        );
+    }
+}

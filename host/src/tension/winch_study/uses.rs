@@ -1,14 +1,13 @@
 //! What a machine is used for besides holding a tension: paths of the tool, `tune tension`, `calibrate collect`.
 
 use super::Ran;
-use crate::calibration::collect::{Options, collect};
+use crate::calibration::collect::Options;
 use crate::calibration::simulate::Target;
-use crate::calibration::target;
+use crate::calibration::{simulated, target};
 use crate::experiment::SimulatedRobot;
 use crate::machine::Mismatch;
 use crate::motion::{Model, Planner, Shaping};
 use crate::robot::Robot;
-use crate::sight::{Scene, SimulatedTags, SimulatedTilt, WithTilt};
 use crate::study::motion::{Case, Job, Known, Outcome, run_as};
 use crate::tension::rig::Rig;
 use crate::tension::tune::{excitation, excite};
@@ -17,8 +16,6 @@ use mcdpr_protocol::SessionId;
 /// Poses that are collected, and candidates for them.
 const POSES: usize = 20;
 const CANDIDATES: usize = 100;
-/// Noise of a tag's corner in one picture, px.
-const CORNER_PX: f64 = 0.1;
 /// Height of the steps of `tune tension`, N: its default.
 const STEP_N: f64 = 2.0;
 
@@ -108,13 +105,7 @@ fn collected(told: &Robot, built: &Robot, seed: u64) -> Result<f64, String> {
     let mut with_board = told.clone();
     with_board.tags = target::tags(Target::Board);
     let model = Model::new(&with_board).map_err(|error| words(&error))?;
-    let link = SimulatedRobot::new(Mismatch::as_built(), seed).machine(built);
-    let link = link.at_home(&model).map_err(|error| words(&error))?;
-    let scene = Scene::of(&with_board, seed);
-    let mut tags = WithTilt {
-        tags: SimulatedTags::new(link.clone(), scene, CORNER_PX, seed),
-        tilt: None::<SimulatedTilt>,
-    };
+    let machine = SimulatedRobot::new(Mismatch::as_built(), seed).machine(built);
     let options = Options {
         poses: POSES,
         candidates: CANDIDATES,
@@ -123,8 +114,8 @@ fn collected(told: &Robot, built: &Robot, seed: u64) -> Result<f64, String> {
         session: Some(SessionId(1)),
         ..Options::default()
     };
-    let data = collect(&model, link, &mut tags, &options, None, |_| Ok(()), |_| {})
-        .map_err(|error| words(&error))?;
+    let data = simulated::collected(&model, &machine, seed, &options);
+    let data = data.map_err(|error| words(&error))?;
     #[expect(clippy::cast_precision_loss, reason = "some poses")]
     let count = data.poses.len() as f64;
     Ok(count)
