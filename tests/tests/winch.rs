@@ -103,8 +103,9 @@ fn commissioning_finds_friction_play_loss_and_stiffness_of_a_geared_winch() {
     }
     // What was measured is drawn, under the values that were found.
     let runs = std::fs::read_dir(folder.path().join("runs")).unwrap();
-    let [run] = runs.map(|run| run.unwrap().path()).collect::<Vec<_>>()[..] else {
-        panic!("one run folder")
+    let runs: Vec<_> = runs.map(|run| run.unwrap().path()).collect();
+    let [run] = &runs[..] else {
+        panic!("{runs:?}");
     };
     let drawn = std::fs::read_to_string(run.join("commission.svg")).unwrap();
     for title in [

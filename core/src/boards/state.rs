@@ -81,17 +81,8 @@ impl<L: Lines> Boards<L> {
         }
         let beats = || self.members.iter().filter_map(|m| m.client.beat());
         let free = beats().map(|beat| beat.knots_free).min().unwrap_or(0);
-        // A board that has ended its motion waits for knot 0.
-        let next = beats().map(|beat| beat.next_knot).filter(|next| *next != 0);
-        let next = next.reduce(|a, b| {
-            if a.wrapping_sub(b).cast_signed() < 0 {
-                a
-            } else {
-                b
-            }
-        });
-        // The first two knots of a board are its rest.
-        (free, next.map_or(0, |next| next.wrapping_sub(2)))
+        let next = beats().map(|beat| (beat.state, beat.next_knot));
+        (free, robots_next(next))
     }
 
     /// The state of all boards as that of one.
@@ -339,6 +330,46 @@ impl<L: Lines> Boards<L> {
         let starting = self.waiting.iter().any(|waiting| waiting.start);
         if ended && !starting && self.course.is_some() {
             self.course = None;
+        }
+    }
+}
+
+/// The robot's knot that comes next, from the states of its boards and their next knots: that of the board that is
+/// furthest behind. 0 where all have ended.
+fn robots_next(boards: impl Iterator<Item = (BoardState, u16)>) -> u16 {
+    // A board that has ended its motion waits for knot 0. One that moves waits for it again after 65 536 knots.
+    let moves = |state: BoardState| matches!(state, BoardState::Moving | BoardState::Pausing);
+    let under_way = boards.filter(|(state, next)| *next != 0 || moves(*state));
+    let next = under_way.map(|(_, next)| next).reduce(|a, b| {
+        if a.wrapping_sub(b).cast_signed() < 0 {
+            a
+        } else {
+            b
+        }
+    });
+    // The first two knots of a board are its rest.
+    next.map_or(0, |next| next.wrapping_sub(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_board_that_is_behind_says_which_knot_is_next_also_when_their_numbers_begin_again() {
+        use BoardState::{Holding, Moving, Stopping};
+        for (boards, next) in [
+            ([(Moving, 7), (Moving, 5)], 3),
+            ([(Moving, 65_535), (Moving, 1)], 65_533),
+            ([(Moving, 65_535), (Moving, 0)], 65_533),
+            // Both wait for their knot number 65 536: they have not ended.
+            ([(Moving, 0), (Moving, 0)], 65_534),
+            ([(Moving, 2), (Moving, 4)], 0),
+            ([(Holding, 0), (Moving, 9)], 7),
+            ([(Holding, 0), (Holding, 0)], 0),
+            ([(Stopping, 0), (Moving, 9)], 7),
+        ] {
+            assert_eq!(robots_next(boards.into_iter()), next, "{boards:?}");
         }
     }
 }
