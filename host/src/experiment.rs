@@ -20,8 +20,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod collected;
 mod laps;
 
+pub(crate) use collected::collected;
 pub(crate) use laps::Looking;
 use laps::{Keep, Laps, Noting, Tracked, Truth, simulated_eyes};
 

@@ -5,6 +5,5 @@
 pub mod collect;
 pub(crate) mod history;
 pub mod result;
-pub(crate) mod simulated;
 
 pub use mcdpr_calibration::*;

@@ -7,8 +7,8 @@
 use super::PickError;
 use crate::calibration::collect::{CollectError, Options};
 use crate::calibration::simulate::Target;
-use crate::calibration::{Options as Estimator, joint, result, simulated, target};
-use crate::experiment::SimulatedRobot;
+use crate::calibration::{Options as Estimator, joint, result, target};
+use crate::experiment::{self, SimulatedRobot};
 use crate::machine::{Controller, Mismatch};
 use crate::motion::Model;
 use crate::robot::Robot;
@@ -71,7 +71,7 @@ pub fn calibrated_by(
             session: Some(SessionId(1)),
             ..Options::default()
         };
-        simulated::collected(&model, &machine, seed, &options).map_err(|error| match error {
+        experiment::collected(&model, &machine, seed, &options).map_err(|error| match error {
             CollectError::Run(RunError::Interrupted) => RunError::Interrupted.into(),
             error => failed(&error),
         })

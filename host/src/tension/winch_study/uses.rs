@@ -3,8 +3,8 @@
 use super::Ran;
 use crate::calibration::collect::Options;
 use crate::calibration::simulate::Target;
-use crate::calibration::{simulated, target};
-use crate::experiment::SimulatedRobot;
+use crate::calibration::target;
+use crate::experiment::{self, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Planner, Shaping};
 use crate::robot::Robot;
@@ -114,7 +114,7 @@ fn collected(told: &Robot, built: &Robot, seed: u64) -> Result<f64, String> {
         session: Some(SessionId(1)),
         ..Options::default()
     };
-    let data = simulated::collected(&model, &machine, seed, &options);
+    let data = experiment::collected(&model, &machine, seed, &options);
     let data = data.map_err(|error| words(&error))?;
     #[expect(clippy::cast_precision_loss, reason = "some poses")]
     let count = data.poses.len() as f64;

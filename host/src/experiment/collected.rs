@@ -1,8 +1,8 @@
 //! Calibration data of a simulated machine, by the procedure of a real one: it drives to poses and looks at its tags.
 
-use super::Data;
-use super::collect::{CollectError, Options, collect};
-use crate::experiment::SimulatedRobot;
+use super::SimulatedRobot;
+use crate::calibration::Data;
+use crate::calibration::collect::{CollectError, Options, collect};
 use crate::motion::Model;
 use crate::sight::{Scene, SimulatedTags, SimulatedTilt, WithTilt};
 
