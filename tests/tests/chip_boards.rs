@@ -38,14 +38,19 @@ fn two_chips(model: &Model) -> (SimulatedLink, Vec<SharedChip>) {
     (link, chips.into_inner())
 }
 
-/// Three boards, of which the first is a chip.
-fn chip_and_two(model: &Model) -> (SimulatedLink, SharedChip) {
-    let robot = model.robot();
+/// What the chip says of its firmware.
+fn hash_of_the_chip() -> [u8; 8] {
     let of_four = model_of("lab-fast");
     let plant = at_rest(&of_four, of_four.robot(), &Mismatch::default(), 1, None).unwrap();
     let alone = firmware().board().unwrap();
     let alone = Simulation::with_board(plant, Box::new(alone), &LinkOptions::default(), 1);
     let client = Client::connect(SimulatedLink::new(alone), SessionId(1)).unwrap();
+    client.hello().git_hash
+}
+
+/// Three boards, of which the first is a chip, and the others say this of their firmware.
+fn chip_and_two(model: &Model, git_hash: [u8; 8]) -> (SimulatedLink, SharedChip) {
+    let robot = model.robot();
     let plant = at_rest(model, robot, &Mismatch::default(), 1, None).unwrap();
     let chips = RefCell::new(Vec::new());
     let make = |cables: &[usize], number: u8| {
@@ -56,11 +61,10 @@ fn chip_and_two(model: &Model) -> (SimulatedLink, SharedChip) {
         chips.borrow_mut().push(board.chip());
         Ok(Some(Box::new(board) as _))
     };
-    // Boards of different firmware are refused.
     let version = WireVersion {
         major: PROTOCOL_MAJOR,
         minor: PROTOCOL_MINOR,
-        git_hash: client.hello().git_hash,
+        git_hash,
     };
     let line = LinkOptions {
         version: Some(version),
@@ -173,7 +177,7 @@ fn a_cut_of_the_line_between_two_chips_is_named_before_they_arm() {
 /// Loses a board's supply in motion; by their pins and states the others stop in time.
 fn loses_of_three(lost_board: usize) {
     let model = model_of(THREE);
-    let (link, chip) = chip_and_two(&model);
+    let (link, chip) = chip_and_two(&model, hash_of_the_chip());
     link.with(Simulation::record_boards);
     let mut moments = Moments::default();
     let (done, _) = run(&link, &model, &Handle::new(), |simulation, now_us| {
@@ -214,7 +218,27 @@ fn l19_boards_without_supply_stop_a_chip_beside_them_and_it_stops_them() {
 #[test]
 fn a_chip_and_two_other_boards_move_as_one() {
     let model = model_of(THREE);
-    let (link, _) = chip_and_two(&model);
+    let (link, _) = chip_and_two(&model, hash_of_the_chip());
     let (done, _) = run(&link, &model, &Handle::new(), |_, _| {});
     done.unwrap();
+}
+
+#[test]
+fn boards_of_different_firmware_are_refused_with_both_names() {
+    let model = model_of(THREE);
+    let other = *b"feedbeef";
+    let own = hash_of_the_chip();
+    assert_ne!(own, other);
+    let (link, chip) = chip_and_two(&model, other);
+    let (done, _) = run(&link, &model, &Handle::new(), |_, _| {});
+    let Err(RunError::Client(ClientError::Link(LinkError::Boards { what, help }))) = done else {
+        panic!("{done:?}");
+    };
+    let said = format!(
+        "runs firmware {}, board 2 (simulated 02) runs feedbeef",
+        String::from_utf8_lossy(&own)
+    );
+    assert!(what.contains(&said), "{what}");
+    assert!(help.contains("flash all boards"), "{help}");
+    assert!(!chip.with(|chip| chip.brakes_ever_opened()));
 }

@@ -71,14 +71,23 @@ fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
     wrong
 }
 
-/// Where a row is noticed on this way, on this machine. Not B3: its gear holds the drum whose brake closes late.
-const NOTICED: &str = "L8:1@0.9s L10:1@0.9s L11:1@0.9s L12:1@0.9s L15:1@0.9s L16:1@0.9s L18:1@0.9s \
-    S2:1@start S2:1@0.9s S4:1@start S4:1@0.9s S5:1@start S5:1@0.9s S6:1@start S6:1@0.9s \
-    S7:1@start S7:1@0.9s S8:1@start S8:1@0.9s S10:1@start S11:1@start S11:1@0.9s D1:1@start \
-    D1:1@0.9s D2:1@start D2:1@0.9s D3:1@start D3:1@0.9s D4:1@start D4:1@0.9s D5:1@start \
-    D6:1@start D6:1@0.9s D7:1@start D7:1@0.9s B1:1@start B1:1@0.9s B2:1@start B2:1@0.9s \
-    P2:1@start P2:1@0.9s P7:1@start P7:1@0.9s C1:1@start C1:1@0.9s \
-    C2:1@start C2:1@0.9s C3:1@start C3:1@0.9s C4:1@start C4:1@0.9s C5:1@start C5:1@0.9s";
+/// Where a row is noticed on this way, on this machine, and what a user is told: by the probable cause, or as latched. Not
+/// every name is that of the row (docs/faults.md, what cannot be told apart); none may get worse unseen. Not B3: its gear
+/// holds the drum whose brake closes late.
+const NOTICED: &str = "L8:1@0.9s=L18:0 L8:2@closing+0.1s=L18:0 L10:3@0.9s=L10:0 L10:4@closing+0.1s=L10:0 L11:4@0.9s=L10:0 \
+    L11:1@closing+0.1s=L10:0 L12:1@0.9s=L10:0 L12:2@closing+0.1s=L10:0 L15:4@0.9s=L10:0 \
+    L15:1@closing+0.1s=L10:0 L16:1@0.9s=K6:0 L18:3@0.9s=L18:0 L18:4@closing+0.1s=L18:0 S2:1@start=S2:1 \
+    S2:2@0.9s=S2:2 S4:3@start=S4:3 S4:4@0.9s=S4:4 S5:4@start=C1:2 S5:1@0.9s=C1:1 S5:2@closing+0.1s=C3:2 \
+    S6:1@start=S6:1 S6:2@0.9s=S6:2 S7:2@start=S7:2 S7:3@0.9s=S7:3 S7:4@closing+0.1s=S7:4 S8:3@start=S8:3 \
+    S8:4@0.9s=S8:4 S8:1@closing+0.1s=S8:1 S10:1@start=S10:1 S11:2@start=S11:2 S11:3@0.9s=S11:3 \
+    S11:4@closing+0.1s=S11:4 D1:4@start=D1:0 D1:1@0.9s=D1:0 D1:2@closing+0.1s=D1:0 D2:1@start=D7:1 \
+    D2:2@0.9s=D7:2 D3:2@start=D5:2 D3:3@0.9s=D3:3 D3:4@closing+0.1s=D3:4 D4:3@start=B1:3 D4:4@0.9s=D2:4 \
+    D5:4@start=D5:4 D6:1@start=D6:1 D6:2@0.9s=D6:2 D6:3@closing+0.1s=D6:3 D7:2@start=D5:2 D7:3@0.9s=C1:3 \
+    B1:3@start=B1:3 B1:4@0.9s=B1:4 B2:4@start=B2:4 B2:1@0.9s=B2:1 B2:2@closing+0.1s=B2:2 P2:3@start=P2:0 \
+    P2:4@0.9s=P2:0 P2:1@closing+0.1s=P2:0 P7:4@start=P7:0 P7:1@0.9s=P7:0 P7:2@closing+0.1s=P7:0 \
+    C1:1@start=C1:3 C1:2@0.9s=C1:2 C1:3@closing+0.1s=C1:3 C2:2@start=S10:2 C2:3@0.9s=C2:1 \
+    C2:4@closing+0.1s=C2:2 C3:3@start=C1:3 C3:4@0.9s=C3:4 C3:1@closing+0.1s=C3:1 C4:1@0.9s=S5:0 \
+    C5:1@start=S10:1 C5:2@0.9s=C5:0 C5:3@closing+0.1s=C5:0";
 
 fn can_be_shown() -> Vec<FaultId> {
     let all = FaultId::ALL.iter().copied();
@@ -88,9 +97,11 @@ fn can_be_shown() -> Vec<FaultId> {
 #[test]
 fn every_row_is_shown_and_ends_safely_or_is_refused_with_a_reason() {
     let (mut wrong, mut noticed) = (Vec::new(), Vec::new());
-    for &id in FaultId::ALL {
-        for when in ["start", "0.9s"] {
-            let words = [format!("{}:1@{when}", id.name())];
+    for (row, &id) in FaultId::ALL.iter().enumerate() {
+        for (moment, when) in ["start", "0.9s", "closing+0.1s"].into_iter().enumerate() {
+            // Every row on three of the four cables.
+            let cable = (row + moment) % 4 + 1;
+            let words = [format!("{}:{cable}@{when}", id.name())];
             if let How::Not(reason) = how(id) {
                 let refused = Scenario::from_words(&words, 4).map(|_| ());
                 let said = refused.unwrap_err().to_string();
@@ -102,14 +113,17 @@ fn every_row_is_shown_and_ends_safely_or_is_refused_with_a_reason() {
                     println!("{}: {record:?}", words[0]);
                     // Which bytes are hit decides whether noise on the line is ever reported.
                     if id != FaultId::L1 {
-                        noticed.push(words[0].clone());
+                        let cause = after.cause().map(|why| (why.fault, why.cable));
+                        let (fault, cable) = cause.unwrap_or((record.fault, record.cable));
+                        noticed.push(format!("{}={}:{cable}", words[0], fault.name()));
                     }
                 }
             }
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-    assert_eq!(noticed.join(" "), NOTICED);
+    let known: Vec<_> = NOTICED.split_whitespace().collect();
+    assert_eq!(noticed, known, "{}", noticed.join(" "));
 }
 
 #[test]

@@ -6,6 +6,7 @@ use mcdpr::robot::{self, Robot, TensionOutput};
 use mcdpr::tension::winch_study::{self, ran};
 use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::Folder;
+use mcdpr_twin::gears;
 use std::path::Path;
 use std::process::{Output, Stdio};
 
@@ -238,7 +239,7 @@ fn machines_across_the_range_arm_and_hold_their_tension() {
     assert_eq!(robot.tension.output, TensionOutput::Velocity);
     // 1.2 N and 60 %, 2.2 N and 77 %, 16.9 N and 81 %; play from 0.8 to 1.4 degrees.
     for seed in [3, 8, 10] {
-        let (drawn, [friction_n, efficiency, play_deg]) = winch_study::machine(&robot, seed);
+        let (drawn, [friction_n, efficiency, play_deg]) = gears::drawn(&robot, seed);
         let done = ran(&drawn, &drawn, seed);
         println!("{friction_n:.1} N, {efficiency:.2}, {play_deg:.2} degrees: {done:?}");
         // What slack they stand is in docs/results/winch.md.

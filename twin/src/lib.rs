@@ -11,6 +11,7 @@
 //! | [`events`], [`watched`] | what happens on a line, for records and live views |
 //! | [`decode`], [`words`] | the bytes of a line decoded; states and limits in words |
 //! | [`faults`] | faults to inject, and a line that injects them on time |
+//! | [`gears`] | geared winches over the range that such winches have |
 //! | [`notices`] | what other parts of a program tell viewers |
 //! | [`feed`] | the data that viewers share |
 //! | [`viewer`] | the messages that a viewer gets |
@@ -30,6 +31,7 @@ pub mod events;
 pub mod faults;
 pub mod feed;
 pub mod fingerprint;
+pub mod gears;
 pub mod line;
 pub mod notices;
 mod page;

@@ -19,6 +19,8 @@ struct Document<'a> {
     /// Fault and cable that the samples show as the cause, where they show another.
     probable_cause: Option<(&'static str, u8)>,
     timeline: Vec<(i64, String)>,
+    /// Greatest distance of the tool from its path, and height lost against it, since the first fault, m.
+    deviation_m: f64,
     drop_m: f64,
     largest_tension_over_limit: f64,
     over_limit_by_10_percent_ms: usize,
@@ -56,7 +58,11 @@ pub(super) fn show(model: &Model, task: Task, scenario: &Scenario, common: &Comm
     }
     let (share, over_ms) = after.over_tension();
     let (slack_ms, cable) = after.slack();
-    say!("\ntool dropped {:.2} mm", after.drop_m() * 1e3);
+    say!(
+        "\nsince the fault the tool left its path by {:.2} mm at most, and dropped {:.2} mm",
+        after.deviation_m() * 1e3,
+        after.drop_m() * 1e3
+    );
     say!(
         "largest tension {:.0} % of its limit, {over_ms} ms over it by more than 10 %",
         share * 100.0
@@ -114,6 +120,7 @@ fn document<'a>(scenario: &'a Scenario, after: &'a Aftermath, seed: u64) -> Docu
         noticed_after_ms: after.detected_after_ms(),
         probable_cause: after.cause().map(|why| (why.fault.name(), why.cable)),
         timeline: moments.map(|m| (m.after_ms, m.what)).collect(),
+        deviation_m: after.deviation_m(),
         drop_m: after.drop_m(),
         largest_tension_over_limit: share,
         over_limit_by_10_percent_ms: over_ms,

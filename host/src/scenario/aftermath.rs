@@ -6,6 +6,8 @@ use mcdpr_core::diagnosis::Diagnosis;
 use mcdpr_firmware::State;
 use mcdpr_protocol::FaultRecord;
 use mcdpr_simulator::TracePoint;
+use mcdpr_twin::faults::survey::away;
+use nalgebra::Vector3;
 
 /// Limits of the robot, for judging.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,8 +59,8 @@ pub struct Aftermath {
     pub error: Option<RunError>,
     /// Limits of the robot.
     pub limits: Limits,
-    /// Planned height of the tool at each millisecond of path time, m.
-    pub planned_height_m: Vec<f64>,
+    /// Planned place of the tool at each millisecond of path time, world, m.
+    pub planned_m: Vec<Vector3<f64>>,
 }
 
 impl Aftermath {
@@ -67,14 +69,14 @@ impl Aftermath {
         injected_ms: Vec<u64>,
         error: Option<RunError>,
         limits: Limits,
-        planned_height_m: Vec<f64>,
+        planned_m: Vec<Vector3<f64>>,
     ) -> Self {
         Self {
             trace,
             injected_ms,
             error,
             limits,
-            planned_height_m,
+            planned_m,
         }
     }
 
@@ -109,38 +111,29 @@ impl Aftermath {
         self.after().iter().position(|point| point.fault.is_some())
     }
 
-    /// How far the tool fell from the first fault on, m: below its lowest position when the fault
-    /// was detected, and below its path while it decelerates along it.
+    /// Height that the tool lost against its path since the first fault, m, noticed or not.
     #[must_use]
     pub fn drop_m(&self) -> f64 {
-        let after = self.after();
-        let noticed = after.iter().position(|point| point.fault.is_some());
-        let (before, rest) = after.split_at(noticed.unwrap_or(after.len()));
-        let height = |point: &TracePoint| point.truth.tool_position_m[2];
-        let level = before.iter().map(height).fold(f64::INFINITY, f64::min);
-        let level = level.min(after.first().map_or(0.0, height));
-        let planned = |path_ms: u32| {
-            let at = usize::try_from(path_ms).unwrap_or(usize::MAX);
-            let last = self.planned_height_m.last();
-            self.planned_height_m.get(at).or(last).copied()
-        };
-        let path_ms = rest.first().map_or(0, |point| point.path_ms);
-        let from_m = planned(path_ms).unwrap_or(0.0);
-        let (mut way_m, mut drop_m) = (0.0_f64, 0.0_f64);
-        for point in rest {
-            // The path clock is reset when the motion is discarded.
-            if let Some(now_m) = planned(point.path_ms).filter(|_| point.path_ms > path_ms) {
-                way_m = way_m.min(now_m - from_m);
-            }
-            drop_m = drop_m.max(level + way_m - height(point));
-        }
-        drop_m
+        self.away_m().1
+    }
+
+    /// Greatest distance of the tool from its path since the first fault, m, noticed or not; beyond that at the fault.
+    #[must_use]
+    pub fn deviation_m(&self) -> f64 {
+        self.away_m().0
+    }
+
+    fn away_m(&self) -> (f64, f64) {
+        let from = self.trace.len() - self.after().len();
+        // A second day follows the same path.
+        let path_m = self.planned_m.as_slice();
+        away(&self.trace, from, usize::MAX, [path_m, &[]])
     }
 
     /// The largest tension over its cable's limit, as a share of it, and the longest time in ms
     /// that a cable was over its limit by 10 %, from the first fault on.
     #[must_use]
-    pub(crate) fn over_tension(&self) -> (f64, usize) {
+    pub fn over_tension(&self) -> (f64, usize) {
         let mut worst = (0.0_f64, 0);
         for (cable, ceiling) in self.limits.ceiling_n.iter().enumerate() {
             let pull = |point: &TracePoint| point.truth.tensions_winch_n.get(cable).copied();

@@ -16,6 +16,7 @@ use crate::motion::{Model, Task};
 use crate::run::RunError;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::Simulation;
+use nalgebra::Vector3;
 use std::path::Path;
 
 /// Time for a stopped robot to come to rest, µs: the two seconds of holding after a lost link, and
@@ -54,7 +55,7 @@ pub fn run(
 ) -> Result<Aftermath, RunError> {
     let simulated = robot.at_home(model)?;
     simulated.with(Simulation::record_truth);
-    let planned_height_m = planned_heights(model, task.clone())?;
+    let planned_m = planned(model, task.clone())?;
     let link = FaultyLink::new(simulated.clone(), &scenario.injections);
     let mut outcome = Experiment::new(model, task.clone())
         .at_home()
@@ -86,16 +87,16 @@ pub fn run(
         link.injected_ms(),
         error,
         Limits::of(model),
-        planned_height_m,
+        planned_m,
     ))
 }
 
-/// Height of the tool at each millisecond of the task's path time, m.
-fn planned_heights(model: &Model, task: Task) -> Result<Vec<f64>, RunError> {
+/// Place of the tool at each millisecond of the task's path time, world, m.
+fn planned(model: &Model, task: Task) -> Result<Vec<Vector3<f64>>, RunError> {
     let plan = Experiment::new(model, task).plan()?;
-    let mut heights = Vec::new();
-    while heights.len() as f64 * 1e-3 <= plan.timed.duration_s() {
-        heights.push(plan.timed.tool_m(heights.len() as f64 * 1e-3)?.z);
+    let mut places_m = Vec::new();
+    while places_m.len() as f64 * 1e-3 <= plan.timed.duration_s() {
+        places_m.push(plan.timed.tool_m(places_m.len() as f64 * 1e-3)?);
     }
-    Ok(heights)
+    Ok(places_m)
 }

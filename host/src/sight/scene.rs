@@ -91,9 +91,14 @@ impl Scene {
     #[must_use]
     pub(crate) fn known_from_true(robot: &Robot) -> Option<Pose> {
         let calibrated = robot.calibrated.as_ref()?;
-        let scene = Self::of(robot, calibrated.simulated_seed?);
-        let place = calibrated.places.first()?;
-        let true_place = scene.body(place.body)?;
+        Self::of(robot, calibrated.simulated_seed?).known_from_this(robot)
+    }
+
+    /// The same, of a robot that was calibrated over these tags.
+    #[must_use]
+    pub(crate) fn known_from_this(&self, robot: &Robot) -> Option<Pose> {
+        let place = robot.calibrated.as_ref()?.places.first()?;
+        let true_place = self.body(place.body)?;
         Some(place.world_from_body.compose(&true_place.inverse()))
     }
 

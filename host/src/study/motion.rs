@@ -18,6 +18,7 @@ use crate::report;
 use crate::robot::Robot;
 use crate::run::{Homing, Measured, NoStore, Recorder, RunError, Session};
 use crate::sight::{Scene, SimulatedTags};
+use mcdpr_kinematics::Pose;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{Simulation, TracePoint};
 use nalgebra::Vector3;
@@ -173,6 +174,18 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
     run_as(case, robot, None, seed)
 }
 
+/// A machine that is not built as its robot is described.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Machine<'a> {
+    /// As which it was built.
+    pub built: &'a Robot,
+    /// Its errors beyond that.
+    pub mismatch: Mismatch,
+    /// The simulator's world frame in the frame that a calibration of it knows, if there was one: paths are
+    /// compared in the latter.
+    pub known_from_true: Option<Pose>,
+}
+
 /// As [`run`], by this description of the robot; the machine is built as `machine` says, or as described.
 ///
 /// # Errors
@@ -180,7 +193,7 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
 pub(crate) fn run_as(
     case: &Case,
     mut robot: Robot,
-    machine: Option<&Robot>,
+    machine: Option<Machine<'_>>,
     seed: u64,
 ) -> Result<Outcome, RunError> {
     if case.job == Job::FastMove {
@@ -211,10 +224,10 @@ pub(crate) fn run_as(
             ..Mismatch::default()
         }
     };
-    let mut simulated = SimulatedRobot::new(mismatch, seed);
-    if let Some(machine) = machine {
-        simulated = simulated.machine(machine);
-    }
+    let simulated = match machine {
+        Some(of) => SimulatedRobot::new(of.mismatch, seed).machine(of.built),
+        None => SimulatedRobot::new(mismatch, seed),
+    };
     let link = simulated.at_home(&model)?;
     let planned = model.clone().with_options(PlanOptions {
         planner: case.planner,
@@ -262,7 +275,12 @@ pub(crate) fn run_as(
     } else {
         let plan = crate::motion::Plan::new(&planned, &session.tool_m(), &steps)?;
         session.follow(&plan, &mut recorder, |_| {})?;
-        let path = report::true_path(&link.with(Simulation::take_trace));
+        let mut path = report::true_path(&link.with(Simulation::take_trace));
+        if let Some(known_from_true) = machine.and_then(|machine| machine.known_from_true) {
+            for point in &mut path {
+                point.tool_m = known_from_true.transform(&point.tool_m.into()).into();
+            }
+        }
         (plan, path)
     };
     rest(&mut session, REST_S)?;

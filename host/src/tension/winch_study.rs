@@ -15,17 +15,10 @@ use super::measure::{at_rest, recovery};
 use crate::machine::Mismatch;
 use crate::motion::Task;
 use crate::robot::{LawKind, Robot, TensionOutput};
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use mcdpr_twin::gears;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Friction of rotor and gear felt at the cable, N: drawn evenly in its logarithm.
-pub(crate) const FRICTION_N: [f64; 2] = [1.0, 30.0];
-/// Share of the motor's power that reaches the drum.
-pub(crate) const EFFICIENCY: [f64; 2] = [0.55, 0.85];
-/// Play at the drum, degrees.
-pub(crate) const PLAY_DEG: [f64; 2] = [0.2, 2.0];
 /// Height of the tool for the circle on a platform at z = -100 mm, m.
 const CIRCLE_Z_M: f64 = -0.18;
 /// Start and end of a pull on the platform, s, its force, N, and the end of the experiment, s.
@@ -46,7 +39,7 @@ pub(crate) struct Contender {
 }
 
 /// The measured figures of a machine, in this order.
-pub(crate) const FIGURES: [(&str, &str, &str); 18] = [
+pub(crate) const FIGURES: [(&str, &str, &str); 22] = [
     ("rest: mean error", "N", "0.2"),
     ("rest: standard deviation", "N", ""),
     ("rest: drum's way in the last second", "um", ""),
@@ -65,6 +58,10 @@ pub(crate) const FIGURES: [(&str, &str, &str); 18] = [
     ("steps of 2 N as `tune` makes them: error, rms", "N", ""),
     ("steps of 2 N as `tune` makes them: ringing, rms", "N", ""),
     ("poses collected of 20", "", ""),
+    ("circle of the tool, calibrated: mean", "mm", ""),
+    ("circle of the tool, calibrated: greatest", "mm", ""),
+    ("line of the tool, calibrated: mean", "mm", ""),
+    ("line of the tool, calibrated: greatest", "mm", ""),
 ];
 /// Figures of the tension loop; the rest are those of the tool's path, of tuning and of collecting, which only the
 /// first contender runs.
@@ -96,32 +93,6 @@ pub struct Ran {
     pub figures: Vec<Option<f64>>,
     /// Faults, each with the experiment that it ended.
     pub faults: Vec<String>,
-}
-
-/// The robot with a gear that is drawn by a seed: every winch has the same type, each with its own
-/// play and friction from the machine's mismatch.
-#[must_use]
-pub fn machine(robot: &Robot, seed: u64) -> (Robot, [f64; 3]) {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x7769_6E63);
-    let mut between = |[low, high]: [f64; 2]| {
-        let share = f64::from(rng.next_u32()) / f64::from(u32::MAX);
-        low + (high - low) * share
-    };
-    let friction_n = between(FRICTION_N.map(f64::ln)).exp();
-    let efficiency = between(EFFICIENCY);
-    let play_deg = between(PLAY_DEG);
-    let mut drawn = robot.clone();
-    for winch in &mut drawn.winches {
-        let torque_nm = friction_n * winch.drum_radius_m / winch.gear_ratio;
-        if let Some(gear) = &mut winch.gear {
-            (gear.rotor_friction_nm, gear.gear_friction_nm) = (0.5 * torque_nm, 0.5 * torque_nm);
-            gear.efficiency = efficiency;
-            // Teeth rub the same in both directions: 1 - backdrive = 1 / efficiency - 1.
-            gear.backdrive_efficiency = (2.0 - 1.0 / efficiency).max(0.0);
-            gear.play_rad = play_deg.to_radians();
-        }
-    }
-    (drawn, [friction_n, efficiency, play_deg])
 }
 
 /// The laws that are compared on a robot: its own, and the paper's with either output.
@@ -169,7 +140,7 @@ pub fn study(
     seeds
         .into_par_iter()
         .map(|seed| {
-            let (built, [friction_n, efficiency, play_deg]) = machine(robot, seed);
+            let (built, [friction_n, efficiency, play_deg]) = gears::drawn(robot, seed);
             let mut failed = Vec::new();
             let found = commissioned(robot, &built, seed).unwrap_or_else(|error| {
                 failed.push(format!("commission: {error}"));
@@ -181,7 +152,7 @@ pub fn study(
                 let mut run = ran(&told, &built, seed);
                 if index == 0 {
                     uses::follow(&told, &built, seed, &mut run);
-                    uses::tune_and_collect(&told, &built, seed, &mut run);
+                    uses::tune_collect_and_follow(&told, &built, seed, &mut run);
                     run.faults.append(&mut failed);
                 }
                 run

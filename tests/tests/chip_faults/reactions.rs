@@ -86,14 +86,37 @@ fn d1_d5_b1_b2_b3_and_l18_stop_the_robot_of_the_chip() {
         ("B3:2@start", FaultId::B3, 0, 12_000, 2e-3),
         ("L18@0.9s", FaultId::L18, 0, 60, 5e-3),
     ]);
-    // A brake that holds nothing shows at once, and not only on its own cable.
-    let after = run_with(&["B2:2@start"]);
-    let record = after.record().unwrap();
-    let slack = record.fault == FaultId::C1 && record.cable == 2;
-    assert!(
-        slack || matches!(record.fault, FaultId::B2 | FaultId::S10),
-        "{record:?}"
-    );
+    // A brake that holds nothing lets its cable go slack when it arms: the right cable, as C1.
+    told(&[("B2:2@start", FaultId::C1, 2, 0.7, 300)]);
+}
+
+/// A row: what is injected; the fault and the cable that are latched; the greatest tension as a share of the limit, and the
+/// longest slack under torque, ms.
+type Exact = (&'static str, FaultId, u8, f64, usize);
+
+/// The robot ends braked, and what a user is told is this, by latch and by probable cause.
+fn told(rows: &[Exact]) {
+    for &(word, fault, cable, most_share, most_slack_ms) in rows {
+        let after = run_with(&[word]);
+        let record = after.record().unwrap_or_else(|| panic!("{word}: no fault"));
+        let ((share, over_ms), (slack_ms, _)) = (after.over_tension(), after.slack());
+        println!(
+            "{word}: {:?}:{} {:?} after {:?} ms, {share:.2} of the limit, {over_ms} ms over, slack {slack_ms} ms",
+            record.fault,
+            record.cable,
+            after.cause(),
+            after.detected_after_ms(),
+        );
+        assert_eq!((record.fault, record.cable), (fault, cable), "{word}");
+        let cause = after.cause().map(|why| (why.fault, why.cable));
+        assert!(cause.is_none_or(|why| why == (fault, cable)), "{cause:?}");
+        assert!(
+            share <= most_share && over_ms <= 5,
+            "{word}: {share} of the limit"
+        );
+        assert!(slack_ms <= most_slack_ms, "{word}: {slack_ms} ms slack");
+        assert!(after.is_safe(), "{word}");
+    }
 }
 
 #[test]
@@ -107,33 +130,18 @@ fn c1_c2_c3_c5_and_s5_stop_the_robot_of_the_chip() {
     let mut points = after.after().iter();
     let stops = points.position(|point| point.state == State::Stopping);
     assert!(stops.unwrap() <= 20, "{stops:?}");
-    // Slips and snags pull the platform themselves; what is noticed first depends on the cable. A
-    // pull beyond the sensor's range reads as an open sensor, and a cable that it unloads as broken.
-    for (word, may_be) in [
-        (
-            "C1:2@0.9s",
-            [FaultId::C1, FaultId::C3, FaultId::S5, FaultId::C5],
-        ),
-        (
-            "C2:1@0.9s",
-            [FaultId::C2, FaultId::S7, FaultId::S5, FaultId::C3],
-        ),
-        (
-            "S5:2@0.9s",
-            [FaultId::S5, FaultId::C1, FaultId::C3, FaultId::C5],
-        ),
-    ] {
+    told(&[
+        ("C1:2@0.9s", FaultId::C1, 2, 1.0, 150),
+        // The pull loads the cable on the other side.
+        ("C2:1@0.9s", FaultId::C2, 3, 1.3, 50),
+        // 20 mm that hang slack look like a break until somebody looks.
+        ("S5:2@0.9s", FaultId::C3, 2, 1.0, 2200),
+    ]);
+    for (word, within_ms) in [("C1:2@0.9s", 130), ("C2:1@0.9s", 20), ("S5:2@0.9s", 130)] {
         let after = run_with(&[word]);
-        let record = after.record().unwrap_or_else(|| panic!("{word}: no fault"));
-        assert!(may_be.contains(&record.fault), "{word}: {record:?}");
-        let reported = after.detected_after_ms().unwrap();
-        println!("{word}: {:?} reported after {reported} ms", record.fault);
-        // It stops at once. The name of what may be a break comes at the end of the stop.
         let mut points = after.after().iter();
         let stops = points.position(|point| point.state == State::Stopping);
-        assert!(stops.is_some_and(|ms| ms <= 130), "{word}: {stops:?}");
-        assert!(reported <= 320, "{word}: reported after {reported} ms");
-        assert!(after.is_safe(), "{word}");
+        assert!(stops.is_some_and(|ms| ms <= within_ms), "{word}: {stops:?}");
     }
 }
 

@@ -1,13 +1,15 @@
 //! `cargo xtask study faults`: seeded runs with faults, measured from the injection, with their tables.
 //!
 //! `--robot NAME` chooses the robot, `--runs N` and `--seed S` the seeds. `--undisturbed` runs the same
-//! work without faults. `--list` lists every run.
+//! work without faults. `--gears` gives every seed other gears, over the range that geared winches have; the board is told
+//! their type, and each winch's own friction and play differ by a tenth, its stiffness by 30 %. `--list` lists every run.
 
 mod tables;
 
 use mcdpr_core::motion::Model;
 use mcdpr_core::robot::Robot;
 use mcdpr_twin::faults::survey::{self, Outcome, word};
+use mcdpr_twin::gears;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -24,8 +26,12 @@ fn main() -> ExitCode {
     let has = |name: &str| arguments.iter().any(|argument| argument == name);
     let first = number("--seed", 1);
     let robot = value("--robot").map_or("paper-optimistic", String::as_str);
-    let (disturbed, list) = (!has("--undisturbed"), has("--list"));
-    match survey(robot, first, number("--runs", 1000), disturbed, list) {
+    let asked = Asked {
+        disturbed: !has("--undisturbed"),
+        gears: has("--gears"),
+        list: has("--list"),
+    };
+    match survey(robot, first, number("--runs", 1000), &asked) {
         Ok(0) => ExitCode::SUCCESS,
         Ok(_) => ExitCode::FAILURE,
         Err(message) => {
@@ -35,16 +41,39 @@ fn main() -> ExitCode {
     }
 }
 
+/// What is asked for beside robot and seeds.
+struct Asked {
+    /// Faults are injected.
+    disturbed: bool,
+    /// Every seed has other gears.
+    gears: bool,
+    /// Every run is listed.
+    list: bool,
+}
+
 /// Runs the survey of one robot and prints its tables; returns how many runs broke an invariant.
-fn survey(name: &str, first: u64, runs: u64, disturbed: bool, list: bool) -> Result<usize, String> {
+fn survey(name: &str, first: u64, runs: u64, asked: &Asked) -> Result<usize, String> {
     let robot = Robot::built_in(name).map_err(|error| error.to_string())?;
     let model = Model::new(&robot).map_err(|error| error.to_string())?;
+    if asked.gears && robot.winches.iter().any(|winch| winch.gear.is_none()) {
+        return Err(format!("--gears: {name} has winches without a gear"));
+    }
     let end = first.saturating_add(runs);
     let all = on_all_processors(first..end, |seed| {
-        let outcome = if disturbed {
-            survey::run(&model, seed)
+        let other = asked.gears.then(|| gears::drawn(&robot, seed).0);
+        let other = other.map(|robot| Model::new(&robot).map_err(|error| error.to_string()));
+        let model = match &other {
+            None => &model,
+            Some(Ok(model)) => model,
+            Some(Err(error)) => {
+                eprintln!("seed {seed}: {error}");
+                return None;
+            }
+        };
+        let outcome = if asked.disturbed {
+            survey::run(model, seed)
         } else {
-            survey::undisturbed(&model, seed)
+            survey::undisturbed(model, seed)
         };
         if let Some(outcome) = outcome.as_ref().filter(|o| !o.violations.is_empty()) {
             let words: Vec<_> = outcome.drawn.injections.iter().map(word).collect();
@@ -65,10 +94,10 @@ fn survey(name: &str, first: u64, runs: u64, disturbed: bool, list: bool) -> Res
         end.saturating_sub(1),
         hash(all.iter().map(|outcome| format!("{outcome:?}")))
     );
-    if disturbed {
+    if asked.disturbed {
         tables::print(&all);
     }
-    if list {
+    if asked.list {
         tables::list(&all);
     }
     Ok(failed)

@@ -4,8 +4,9 @@ use crate::cli::progress::Count;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Outcome, print_json, write_out};
 use crate::tension::winch_study::{
-    Drawn, FIGURES, FRICTION_N, Identified, OF_TENSION, contenders, median_and_p95, spread, study,
+    Drawn, FIGURES, Identified, OF_TENSION, contenders, median_and_p95, spread, study,
 };
+use mcdpr_twin::gears::FRICTION_N;
 
 /// The tension loop on machines drawn over the typical range of friction, gear efficiency and play:
 /// medians and 95th percentiles, the paper's law beside the default, and by friction

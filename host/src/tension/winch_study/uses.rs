@@ -3,12 +3,13 @@
 use super::Ran;
 use crate::calibration::collect::Options;
 use crate::calibration::simulate::Target;
-use crate::calibration::target;
+use crate::calibration::{Data, Options as Estimator, joint, result, target};
 use crate::experiment::{self, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Planner, Shaping};
 use crate::robot::Robot;
-use crate::study::motion::{Case, Job, Known, Outcome, run_as};
+use crate::sight::Scene;
+use crate::study::motion::{Case, Job, Known, Machine, Outcome, run_as};
 use crate::tension::rig::Rig;
 use crate::tension::tune::{excitation, excite};
 use mcdpr_protocol::SessionId;
@@ -21,50 +22,67 @@ const STEP_N: f64 = 2.0;
 
 /// Circle and line of the tool on a machine with every realistic error.
 pub(super) fn follow(told: &Robot, built: &Robot, seed: u64, run: &mut Ran) {
-    let base = Case {
-        job: Job::Circle10s,
-        robot: "paper-optimistic",
-        every_error: true,
-        known: Known::Absolute,
-        pulley_loss: Mismatch::realistic().pulley_loss,
-        shaping: Shaping::Zv,
-        frictionless: false,
-        planner: Planner::Equilibrium,
+    let machine = Machine {
+        built,
+        mismatch: Mismatch::realistic(),
+        known_from_true: None,
     };
     for (name, job, known) in [
         ("circle of the tool", Job::Circle10s, Known::Absolute),
         ("circle of the tool, homed", Job::Circle10s, Known::Homed),
         ("line of the tool", Job::LineAtLimit, Known::Absolute),
     ] {
-        let case = Case { job, known, ..base };
-        let outcome = run_as(&case, told.clone(), Some(built), seed);
-        let values = |of: &Outcome| {
-            let mut values = vec![of.path_mean_m, of.path_max_m];
-            if (job, known) == (Job::Circle10s, Known::Absolute) {
-                values.push(of.reversal_m);
-            }
-            values
-        };
-        match outcome {
-            Ok(outcome) => {
-                let mm = values(&outcome).into_iter().map(|m| Some(m * 1e3));
-                run.figures.extend(mm);
-            }
-            Err(error) => {
-                run.faults.push(format!("{name}: {error}"));
-                let count = if known == Known::Absolute && job == Job::Circle10s {
-                    3
-                } else {
-                    2
-                };
-                run.figures.extend(std::iter::repeat_n(None, count));
-            }
+        let reverses = (job, known) == (Job::Circle10s, Known::Absolute);
+        path(name, &case(job, known), told, machine, seed, reverses, run);
+    }
+}
+
+fn case(job: Job, known: Known) -> Case {
+    Case {
+        job,
+        robot: "paper-optimistic",
+        every_error: true,
+        known,
+        pulley_loss: Mismatch::realistic().pulley_loss,
+        shaping: Shaping::Zv,
+        frictionless: false,
+        planner: Planner::Equilibrium,
+    }
+}
+
+/// Mean and greatest error of a path, mm, and the reversal error of a cable, if that is asked for.
+fn path(
+    name: &str,
+    case: &Case,
+    told: &Robot,
+    machine: Machine<'_>,
+    seed: u64,
+    reverses: bool,
+    run: &mut Ran,
+) {
+    let values = |of: &Outcome| {
+        let mut values = vec![of.path_mean_m, of.path_max_m];
+        if reverses {
+            values.push(of.reversal_m);
+        }
+        values
+    };
+    match run_as(case, told.clone(), Some(machine), seed) {
+        Ok(outcome) => {
+            let mm = values(&outcome).into_iter().map(|m| Some(m * 1e3));
+            run.figures.extend(mm);
+        }
+        Err(error) => {
+            run.faults.push(format!("{name}: {error}"));
+            let count = if reverses { 3 } else { 2 };
+            run.figures.extend(std::iter::repeat_n(None, count));
         }
     }
 }
 
-/// The steps of `tune tension` with the gains of the file, and `calibrate collect` with the board of tags.
-pub(super) fn tune_and_collect(told: &Robot, built: &Robot, seed: u64, run: &mut Ran) {
+/// The steps of `tune tension` with the gains of the file, `calibrate collect` with the board of tags, and circle and line
+/// of the tool with what `calibrate all` makes of the poses that were collected.
+pub(super) fn tune_collect_and_follow(told: &Robot, built: &Robot, seed: u64, run: &mut Ran) {
     match steps(told, built, seed) {
         Ok(values) => run.figures.extend(values.map(Some)),
         Err(error) => {
@@ -72,12 +90,42 @@ pub(super) fn tune_and_collect(told: &Robot, built: &Robot, seed: u64, run: &mut
             run.figures.extend([None, None]);
         }
     }
-    match collected(told, built, seed) {
-        Ok(count) => run.figures.push(Some(count)),
+    let data = match collected(told, built, seed) {
+        Ok(data) => data,
         Err(error) => {
             run.faults.push(format!("collect: {error}"));
-            run.figures.push(None);
+            run.figures.extend([None; 5]);
+            return;
         }
+    };
+    #[expect(clippy::cast_precision_loss, reason = "some poses")]
+    run.figures.push(Some(data.poses.len() as f64));
+    let calibrated = match calibrated(told, &data) {
+        Ok(calibrated) => calibrated,
+        Err(error) => {
+            run.faults.push(format!("calibrate: {error}"));
+            run.figures.extend([None; 4]);
+            return;
+        }
+    };
+    let machine = Machine {
+        built,
+        mismatch: Mismatch::as_built(),
+        known_from_true: Scene::of(&with_board(told), seed).known_from_this(&calibrated),
+    };
+    for (name, job) in [
+        ("circle of the tool, calibrated", Job::Circle10s),
+        ("line of the tool, calibrated", Job::LineAtLimit),
+    ] {
+        path(
+            name,
+            &case(job, Known::Absolute),
+            &calibrated,
+            machine,
+            seed,
+            false,
+            run,
+        );
     }
 }
 
@@ -99,24 +147,37 @@ fn steps(told: &Robot, built: &Robot, seed: u64) -> Result<[f64; 2], String> {
     Ok([answer.rms_n(), answer.ringing_n()])
 }
 
-/// Number of poses that were collected.
-fn collected(told: &Robot, built: &Robot, seed: u64) -> Result<f64, String> {
-    let words = |error: &dyn std::fmt::Display| error.to_string();
+/// The robot over the board of tags.
+fn with_board(told: &Robot) -> Robot {
     let mut with_board = told.clone();
     with_board.tags = target::tags(Target::Board);
-    let model = Model::new(&with_board).map_err(|error| words(&error))?;
+    with_board
+}
+
+/// The poses that were collected, on a machine as built.
+fn collected(told: &Robot, built: &Robot, seed: u64) -> Result<Data, String> {
+    let words = |error: &dyn std::fmt::Display| error.to_string();
+    let model = Model::new(&with_board(told)).map_err(|error| words(&error))?;
     let machine = SimulatedRobot::new(Mismatch::as_built(), seed).machine(built);
     let options = Options {
         poses: POSES,
         candidates: CANDIDATES,
         seed,
-        simulated_seed: Some(seed),
+        described: Some(told.content_hash()),
         session: Some(SessionId(1)),
         ..Options::default()
     };
-    let data = experiment::collected(&model, &machine, seed, &options);
-    let data = data.map_err(|error| words(&error))?;
-    #[expect(clippy::cast_precision_loss, reason = "some poses")]
-    let count = data.poses.len() as f64;
-    Ok(count)
+    experiment::collected(&model, &machine, seed, &options).map_err(|error| words(&error))
+}
+
+/// The robot file with what the data say.
+fn calibrated(told: &Robot, data: &Data) -> Result<Robot, String> {
+    let words = |error: &dyn std::fmt::Display| error.to_string();
+    let estimator = Estimator {
+        closer_looks: true,
+        ..Estimator::default()
+    };
+    let answer = joint(data, &estimator).map_err(|error| words(&error))?;
+    let document = result::document(told, data, &answer).map_err(|error| words(&error))?;
+    result::applied(told, &document).map_err(|error| words(&error))
 }

@@ -68,14 +68,14 @@ fn longest(conditions: impl Iterator<Item = bool>) -> usize {
 
 /// The greatest distance from the path, and the greatest height lost against it, m, from tick `from`
 /// on. Both are differences to that tick: a machine that is off is beside its path all the time. From tick `again` on
-/// the second path applies, if there is one.
-pub(super) fn away(
+/// the second path applies, if there is one. A path is the tool's place at each millisecond of path time, world, m.
+#[must_use]
+pub fn away(
     trace: &[TracePoint],
     from: usize,
     again: usize,
-    paths_m: &[Vec<Vector3<f64>>; 2],
+    [first_m, second_m]: [&[Vector3<f64>]; 2],
 ) -> (f64, f64) {
-    let [first_m, second_m] = paths_m;
     let mut path_m = first_m;
     let mut at = 0;
     let mut begin: Option<Vector3<f64>> = None;

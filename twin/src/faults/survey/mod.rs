@@ -9,7 +9,7 @@ mod draw;
 mod measure;
 mod names;
 
-pub use measure::re_energises;
+pub use measure::{away, re_energises};
 
 pub use draw::{Drawn, Moment};
 pub use names::{RightName, silent};
@@ -206,7 +206,8 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
     let refused = seen.refused.as_ref().filter(|_| first.is_none());
     outcome.refused = refused.map(ToString::to_string);
     let limits = measure::Limits::of(model);
-    let way = measure::away(&seen.trace, from, seen.again, &seen.paths_m);
+    let [first_m, second_m] = &seen.paths_m;
+    let way = away(&seen.trace, from, seen.again, [first_m, second_m]);
     (outcome.deviation_m, outcome.drop_m) = way;
     let after = seen
         .trace
