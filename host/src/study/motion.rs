@@ -184,6 +184,8 @@ pub(crate) struct Machine<'a> {
     /// The simulator's world frame in the frame that a calibration of it knows, if there was one: paths are
     /// compared in the latter.
     pub known_from_true: Option<Pose>,
+    /// What the robot believes of its cables' lengths at home beyond the truth, by cable, m; empty for nothing.
+    pub lengths_off_m: &'a [f64],
 }
 
 /// As [`run`], by this description of the robot; the machine is built as `machine` says, or as described.
@@ -242,7 +244,14 @@ pub(crate) fn run_as(
             camera: &mut camera,
             places: places.clone(),
         },
-        Known::Absolute => Homing::Lengths(true_lengths_m(&link, robot.cables.len())?),
+        Known::Absolute => {
+            let mut lengths_m = true_lengths_m(&link, robot.cables.len())?;
+            let off_m = machine.map_or(&[][..], |machine| machine.lengths_off_m);
+            for (length_m, off_m) in lengths_m.iter_mut().zip(off_m) {
+                *length_m += off_m;
+            }
+            Homing::Lengths(lengths_m)
+        }
     };
     let handle = Handle::new();
     let mut session = Session::open(
@@ -355,7 +364,7 @@ fn rest<L: crate::link::Link>(session: &mut Session<'_, L>, seconds: f64) -> Res
     Ok(session.client().pump(until_us)?)
 }
 
-pub(super) fn true_lengths_m(link: &SimulatedLink, cables: usize) -> Result<Vec<f64>, RunError> {
+pub(crate) fn true_lengths_m(link: &SimulatedLink, cables: usize) -> Result<Vec<f64>, RunError> {
     let truth = link.with(|simulation| simulation.plant().truth());
     let truth = truth.map_err(|error| RunError::Client(crate::link::plant_failed(error).into()))?;
     Ok(truth

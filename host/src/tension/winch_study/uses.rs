@@ -9,7 +9,7 @@ use crate::machine::Mismatch;
 use crate::motion::{Model, Planner, Shaping};
 use crate::robot::Robot;
 use crate::sight::Scene;
-use crate::study::motion::{Case, Job, Known, Machine, Outcome, run_as};
+use crate::study::motion::{Case, Job, Known, Machine, Outcome, run_as, true_lengths_m};
 use crate::tension::rig::Rig;
 use crate::tension::tune::{excitation, excite};
 use mcdpr_protocol::SessionId;
@@ -26,6 +26,7 @@ pub(super) fn follow(told: &Robot, built: &Robot, seed: u64, run: &mut Ran) {
         built,
         mismatch: Mismatch::realistic(),
         known_from_true: None,
+        lengths_off_m: &[],
     };
     for (name, job, known) in [
         ("circle of the tool", Job::Circle10s, Known::Absolute),
@@ -100,8 +101,8 @@ pub(super) fn tune_collect_and_follow(told: &Robot, built: &Robot, seed: u64, ru
     };
     #[expect(clippy::cast_precision_loss, reason = "some poses")]
     run.figures.push(Some(data.poses.len() as f64));
-    let calibrated = match calibrated(told, &data) {
-        Ok(calibrated) => calibrated,
+    let (calibrated, lengths_off_m) = match calibrated(told, built, seed, &data) {
+        Ok(known) => known,
         Err(error) => {
             run.faults.push(format!("calibrate: {error}"));
             run.figures.extend([None; 4]);
@@ -112,6 +113,7 @@ pub(super) fn tune_collect_and_follow(told: &Robot, built: &Robot, seed: u64, ru
         built,
         mismatch: Mismatch::as_built(),
         known_from_true: Scene::of(&with_board(told), seed).known_from_this(&calibrated),
+        lengths_off_m: &lengths_off_m,
     };
     for (name, job) in [
         ("circle of the tool, calibrated", Job::Circle10s),
@@ -170,14 +172,28 @@ fn collected(told: &Robot, built: &Robot, seed: u64) -> Result<Data, String> {
     experiment::collected(&model, &machine, seed, &options).map_err(|error| words(&error))
 }
 
-/// The robot file with what the data say.
-fn calibrated(told: &Robot, data: &Data) -> Result<Robot, String> {
+/// The robot file with what the data say, and what they say of the cables' lengths at home beyond the truth, m: the
+/// robot goes on from where it was calibrated.
+fn calibrated(
+    told: &Robot,
+    built: &Robot,
+    seed: u64,
+    data: &Data,
+) -> Result<(Robot, Vec<f64>), String> {
     let words = |error: &dyn std::fmt::Display| error.to_string();
     let estimator = Estimator {
         closer_looks: true,
         ..Estimator::default()
     };
     let answer = joint(data, &estimator).map_err(|error| words(&error))?;
+    let model = Model::new(&with_board(told)).map_err(|error| words(&error))?;
+    let machine = SimulatedRobot::new(Mismatch::as_built(), seed).machine(built);
+    let link = machine.at_home(&model).map_err(|error| words(&error))?;
+    let true_m = true_lengths_m(&link, told.cables.len()).map_err(|error| words(&error))?;
+    let found_m = answer.initial_length_m.iter();
+    let off_m = found_m.zip(&true_m).map(|(found, truth)| found - truth);
+    let off_m = off_m.collect();
     let document = result::document(told, data, &answer).map_err(|error| words(&error))?;
-    result::applied(told, &document).map_err(|error| words(&error))
+    let robot = result::applied(told, &document).map_err(|error| words(&error))?;
+    Ok((robot, off_m))
 }
