@@ -29,7 +29,7 @@ ros         build mcdpr and its ROS side (ros/, outside of the workspace: minute
             Cyclone DDS; --build: build only
 playground  build the page with a simulated robot in it, without a server (target/playground)
 firmware    build the firmware and check its size and that it needs no floating point
-study faults  faults in every phase of work, measured from the injection (--robot R, --runs N, --seed N, --undisturbed, --list)
+study faults  faults in every phase of work, measured from the injection (--robot R, --runs N, --seed N, --undisturbed, --gears, --list)
 study invariants  ten thousand runs with random faults on random robots (--runs N, --seed N)
 study boards  how far apart the boards of a robot are over an hour of motion (--robot R, --minutes N, --seeds N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)

@@ -1,5 +1,6 @@
 //! Studies in the simulator: many seeds, medians, kept with seed and hash.
 
+pub mod calibrated;
 pub mod iso9283;
 pub mod motion;
 pub(crate) mod robots;

@@ -354,7 +354,10 @@ fn reversal_m(model: &Model, plan: &crate::motion::Plan, samples: &[Measured]) -
 }
 
 /// Lets the robot hold for a while.
-fn rest<L: crate::link::Link>(session: &mut Session<'_, L>, seconds: f64) -> Result<(), RunError> {
+pub(super) fn rest<L: crate::link::Link>(
+    session: &mut Session<'_, L>,
+    seconds: f64,
+) -> Result<(), RunError> {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

@@ -95,7 +95,7 @@ pub struct Ran {
     pub faults: Vec<String>,
 }
 
-/// The laws that are compared on a robot: its own, and the paper's with either output.
+/// The laws that are compared on a robot: its own, and the paper's with either output, and on the planned speed.
 #[must_use]
 pub(crate) fn contenders(robot: &Robot) -> Vec<Contender> {
     let with = |name, output, kp, kd| {
@@ -117,11 +117,27 @@ pub(crate) fn contenders(robot: &Robot) -> Vec<Contender> {
             PD_SPEED[1],
         ),
         with("pd, current", TensionOutput::Current, 3.0, 0.05),
+        planned_with_pd(robot),
     ]
+}
+
+/// Eq. 1 as a correction of the planned speed, a reading of the paper: the default law with its proportional part
+/// alone.
+fn planned_with_pd(robot: &Robot) -> Contender {
+    let mut robot = robot.clone();
+    robot.tension.output = TensionOutput::Velocity;
+    (robot.tension.kp, robot.tension.kd, robot.tension.ki) = (PD_ON_PLAN, 0.0, 0.0);
+    robot.tension.gain_length_m = 0.0;
+    Contender {
+        name: "pd on the planned speed",
+        robot,
+    }
 }
 
 /// Gains of Eq. 1 with a speed as its output, mm/s per N and mm/N: see docs/paper-notes.md.
 const PD_SPEED: [f64; 2] = [5.0, 0.0];
+/// Gain with which the tension is back after the paper's second, mm/s per N.
+const PD_ON_PLAN: f64 = 0.3;
 
 /// Draws machines, commissions their winches, and, unless only that is wanted, runs every contender on each; `done` is
 /// called after each machine.

@@ -1,5 +1,6 @@
 //! `mcdpr study WHAT`: the figures of the documents, simulated again over many seeds.
 
+mod calibrated;
 mod day;
 mod demo;
 mod iso9283;
@@ -23,6 +24,7 @@ pub(crate) struct Cmd {
 
 #[derive(Debug, clap::Subcommand)]
 enum Which {
+    Calibrated(calibrated::Cmd),
     Day(day::Cmd),
     Demo(demo::Cmd),
     Iso9283(iso9283::Cmd),
@@ -43,6 +45,7 @@ impl Cmd {
             common.no_chip("study")?;
         }
         match &self.which {
+            Which::Calibrated(cmd) => cmd.run(common),
             Which::Day(cmd) => cmd.run(common),
             Which::Demo(cmd) => cmd.run(common),
             Which::Iso9283(cmd) => cmd.run(common),

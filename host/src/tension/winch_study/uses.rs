@@ -1,22 +1,18 @@
 //! What a machine is used for besides holding a tension: paths of the tool, `tune tension`, `calibrate collect`.
 
 use super::Ran;
-use crate::calibration::collect::Options;
-use crate::calibration::simulate::Target;
-use crate::calibration::{Data, Options as Estimator, joint, result, target};
-use crate::experiment::{self, SimulatedRobot};
+use crate::experiment::SimulatedRobot;
 use crate::machine::Mismatch;
 use crate::motion::{Model, Planner, Shaping};
 use crate::robot::Robot;
-use crate::sight::Scene;
-use crate::study::motion::{Case, Job, Known, Machine, Outcome, run_as, true_lengths_m};
+use crate::study::calibrated;
+use crate::study::motion::{Case, Job, Known, Machine, Outcome, run_as};
 use crate::tension::rig::Rig;
 use crate::tension::tune::{excitation, excite};
 use mcdpr_protocol::SessionId;
 
-/// Poses that are collected, and candidates for them.
+/// Poses that are collected.
 const POSES: usize = 20;
-const CANDIDATES: usize = 100;
 /// Height of the steps of `tune tension`, N: its default.
 const STEP_N: f64 = 2.0;
 
@@ -91,7 +87,9 @@ pub(super) fn tune_collect_and_follow(told: &Robot, built: &Robot, seed: u64, ru
             run.figures.extend([None, None]);
         }
     }
-    let data = match collected(told, built, seed) {
+    let as_built = Mismatch::as_built();
+    let simulated = SimulatedRobot::new(as_built, seed).machine(built);
+    let data = match calibrated::collected(told, &simulated, POSES, seed) {
         Ok(data) => data,
         Err(error) => {
             run.faults.push(format!("collect: {error}"));
@@ -101,7 +99,7 @@ pub(super) fn tune_collect_and_follow(told: &Robot, built: &Robot, seed: u64, ru
     };
     #[expect(clippy::cast_precision_loss, reason = "some poses")]
     run.figures.push(Some(data.poses.len() as f64));
-    let (calibrated, lengths_off_m) = match calibrated(told, built, seed, &data) {
+    let known = match calibrated::known(told, &simulated, seed, &data) {
         Ok(known) => known,
         Err(error) => {
             run.faults.push(format!("calibrate: {error}"));
@@ -111,9 +109,9 @@ pub(super) fn tune_collect_and_follow(told: &Robot, built: &Robot, seed: u64, ru
     };
     let machine = Machine {
         built,
-        mismatch: Mismatch::as_built(),
-        known_from_true: Scene::of(&with_board(told), seed).known_from_this(&calibrated),
-        lengths_off_m: &lengths_off_m,
+        mismatch: as_built,
+        known_from_true: known.known_from_true,
+        lengths_off_m: &known.lengths_off_m,
     };
     for (name, job) in [
         ("circle of the tool, calibrated", Job::Circle10s),
@@ -122,7 +120,7 @@ pub(super) fn tune_collect_and_follow(told: &Robot, built: &Robot, seed: u64, ru
         path(
             name,
             &case(job, Known::Absolute),
-            &calibrated,
+            &known.robot,
             machine,
             seed,
             false,
@@ -147,53 +145,4 @@ fn steps(told: &Robot, built: &Robot, seed: u64) -> Result<[f64; 2], String> {
     let answer = excite(&mut rig, cable, &stages).map_err(|error| words(&error))?;
     rig.finish().map_err(|error| words(&error))?;
     Ok([answer.rms_n(), answer.ringing_n()])
-}
-
-/// The robot over the board of tags.
-fn with_board(told: &Robot) -> Robot {
-    let mut with_board = told.clone();
-    with_board.tags = target::tags(Target::Board);
-    with_board
-}
-
-/// The poses that were collected, on a machine as built.
-fn collected(told: &Robot, built: &Robot, seed: u64) -> Result<Data, String> {
-    let words = |error: &dyn std::fmt::Display| error.to_string();
-    let model = Model::new(&with_board(told)).map_err(|error| words(&error))?;
-    let machine = SimulatedRobot::new(Mismatch::as_built(), seed).machine(built);
-    let options = Options {
-        poses: POSES,
-        candidates: CANDIDATES,
-        seed,
-        described: Some(told.content_hash()),
-        session: Some(SessionId(1)),
-        ..Options::default()
-    };
-    experiment::collected(&model, &machine, seed, &options).map_err(|error| words(&error))
-}
-
-/// The robot file with what the data say, and what they say of the cables' lengths at home beyond the truth, m: the
-/// robot goes on from where it was calibrated.
-fn calibrated(
-    told: &Robot,
-    built: &Robot,
-    seed: u64,
-    data: &Data,
-) -> Result<(Robot, Vec<f64>), String> {
-    let words = |error: &dyn std::fmt::Display| error.to_string();
-    let estimator = Estimator {
-        closer_looks: true,
-        ..Estimator::default()
-    };
-    let answer = joint(data, &estimator).map_err(|error| words(&error))?;
-    let model = Model::new(&with_board(told)).map_err(|error| words(&error))?;
-    let machine = SimulatedRobot::new(Mismatch::as_built(), seed).machine(built);
-    let link = machine.at_home(&model).map_err(|error| words(&error))?;
-    let true_m = true_lengths_m(&link, told.cables.len()).map_err(|error| words(&error))?;
-    let found_m = answer.initial_length_m.iter();
-    let off_m = found_m.zip(&true_m).map(|(found, truth)| found - truth);
-    let off_m = off_m.collect();
-    let document = result::document(told, data, &answer).map_err(|error| words(&error))?;
-    let robot = result::applied(told, &document).map_err(|error| words(&error))?;
-    Ok((robot, off_m))
 }

@@ -1,0 +1,134 @@
+//! `mcdpr study calibrated`: a calibrated robot at places that were not measured.
+
+use crate::cli::progress::Count;
+use crate::cli::table::lay_out;
+use crate::cli::{Common, Failed, Outcome, print_json, write_out};
+use crate::motion::Model;
+use crate::run::{RunError, interrupted, watch_for_interrupts};
+use crate::study::calibrated::{Judged, Place, judge};
+use crate::study::quantile;
+use rayon::prelude::*;
+
+/// Machines as built that are calibrated over the board of tags, at places that were not measured: error, and share of
+/// places within the region that the calibration states
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Machines
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    seeds: u64,
+
+    /// Poses per calibration
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(6..=200))]
+    poses: u16,
+
+    /// Places per machine
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=200))]
+    places: u16,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        if common.on != "sim" {
+            let reason = "a study needs the truth, which only the simulator knows";
+            return Err(Failed::from_error("--on")(reason).into());
+        }
+        let robot = crate::robot::find(&common.robot)?;
+        Model::new(&robot)?;
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let count = Count::begin("machines", self.seeds);
+        let seeds = common.seed..common.seed.saturating_add(self.seeds);
+        let last = seeds.end.saturating_sub(1);
+        let all: Vec<Judged> = seeds
+            .into_par_iter()
+            .filter(|_| !interrupted())
+            .map(|seed| {
+                let judged = judge(&robot, self.poses.into(), self.places.into(), seed);
+                count.one_more();
+                judged
+            })
+            .collect();
+        drop(count);
+        if interrupted() {
+            return Err(RunError::Interrupted.into());
+        }
+        if common.json {
+            return print_json(&serde_json::json!({
+                "study": "calibrated",
+                "robot": robot.name,
+                "seeds": format!("{} to {last}", common.seed),
+                "poses": self.poses,
+                "machines": all,
+            }));
+        }
+        let head = ["", "median", "5 %", "95 %"].map(str::to_owned).to_vec();
+        let done: Vec<_> = all.iter().filter(|of| !of.places.is_empty()).collect();
+        let rows = [
+            (
+                "position of a machine, root mean square, mm",
+                1e3,
+                of_machine(&done, |p| p.position_m),
+            ),
+            (
+                "expected position, the same, mm",
+                1e3,
+                of_machine(&done, |p| p.expected_m),
+            ),
+            (
+                "tool of a machine, root mean square, mm",
+                1e3,
+                of_machine(&done, |p| p.tool_m),
+            ),
+            (
+                "plans' tube of 95 %, the same, mm",
+                1e3,
+                of_machine(&done, |p| p.tube_m),
+            ),
+            (
+                "attitude of a machine, root mean square, degrees",
+                1f64.to_degrees(),
+                of_machine(&done, |p| p.attitude_rad),
+            ),
+        ];
+        let table = rows.map(|(name, scale, values)| {
+            let of = |share| format!("{:.3}", quantile(values.clone(), share) * scale);
+            vec![name.to_owned(), of(0.5), of(0.05), of(0.95)]
+        });
+        let table: Vec<_> = std::iter::once(head).chain(table).collect();
+        write_out(&lay_out(&table));
+        let places: Vec<_> = done.iter().flat_map(|of| &of.places).collect();
+        let share = |count: usize| 100.0 * count as f64 / places.len().max(1) as f64;
+        let inside = places.iter().filter(|place| place.inside).count();
+        let within = places.iter().filter(|place| place.tool_m <= place.tube_m);
+        let within = within.count();
+        say!(
+            "of {} places, in the calibration's region of 95 %: {inside} ({:.1} %); tool in the plan's tube of 95 %: {within} \
+             ({:.1} %)",
+            places.len(),
+            share(inside),
+            share(within)
+        );
+        say!(
+            "simulation, robot {}, machines as built, seeds {} to {last}, {} poses: {} of {} calibrated",
+            robot.name,
+            common.seed,
+            self.poses,
+            done.len(),
+            all.len()
+        );
+        for of in &all {
+            if let Some(why) = &of.stopped {
+                say!("seed {}: {why}", of.seed);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Root mean square over the places of each machine.
+fn of_machine(machines: &[&Judged], value: fn(&Place) -> f64) -> Vec<f64> {
+    let square = |of: &&Judged| {
+        let sum: f64 = of.places.iter().map(|place| value(place).powi(2)).sum();
+        (sum / of.places.len().max(1) as f64).sqrt()
+    };
+    machines.iter().map(square).collect()
+}

@@ -1,0 +1,268 @@
+//! A robot after its calibration, at places that were not measured: how far off it is, and whether it says so.
+//!
+//! A machine as built collects poses over the board of tags, the joint estimate describes it, and it drives to random
+//! places, from where it stands: with the cable lengths that the calibration found. It is judged in the frame of its
+//! tags, since a calibration cannot determine another, against the region in which the calibration says the platform is
+//! with 95 % probability.
+
+use super::motion::{rest, true_lengths_m};
+use crate::calibration::collect::Options as Collecting;
+use crate::calibration::simulate::Target;
+use crate::calibration::{Answer, Data, Options as Estimator, joint, result, target};
+use crate::control::Handle;
+use crate::experiment::{self, SimulatedRobot};
+use crate::machine::Mismatch;
+use crate::motion::{Model, Task};
+use crate::robot::Robot;
+use crate::run::{Homing, NoStore, Recorder, RunError, Session};
+use crate::sight::Scene;
+use mcdpr_core::estimate::tube::{Belief, Doubts, Tube};
+use mcdpr_core::random::Random;
+use mcdpr_kinematics::Pose;
+use mcdpr_protocol::SessionId;
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
+use serde::Serialize;
+
+/// Candidates for the poses.
+const CANDIDATES: usize = 100;
+/// Drawn places that are tried before a robot counts as having none.
+const TRIES: usize = 400;
+/// Time at rest before it is judged, s.
+const REST_S: f64 = 1.0;
+/// Speed between the places, m/s.
+const SPEED_MPS: f64 = 0.15;
+/// Square of the radius that holds 95 % of three normal coordinates (chi-square, 3 degrees of freedom).
+const CHI2_3_95: f64 = 7.815;
+/// Anchors of a machine as built are off by this much at most, m; what the calibration found counts instead.
+const ANCHORS_M: f64 = 5e-3;
+/// Salt of the places in a seed: they are not those of the calibration.
+const PLACES: u64 = 0x706C_6163;
+
+/// A calibrated robot, and what it believes.
+pub(crate) struct Known {
+    /// By its calibration.
+    pub robot: Robot,
+    /// Cable lengths at home as the calibration has them beyond the true ones, m: the robot goes on from where it was
+    /// calibrated.
+    pub lengths_off_m: Vec<f64>,
+    /// The simulator's world frame in the frame that the calibration knows.
+    pub known_from_true: Option<Pose>,
+}
+
+/// The robot over the board of tags.
+#[must_use]
+pub(crate) fn with_board(robot: &Robot) -> Robot {
+    let mut with_board = robot.clone();
+    with_board.tags = target::tags(Target::Board);
+    with_board
+}
+
+/// Poses of this machine, as built and with this seed, over the board of tags.
+///
+/// # Errors
+/// In words.
+pub(crate) fn collected(
+    robot: &Robot,
+    machine: &SimulatedRobot,
+    poses: usize,
+    seed: u64,
+) -> Result<Data, String> {
+    let words = |error: &dyn std::fmt::Display| error.to_string();
+    let model = Model::new(&with_board(robot)).map_err(|error| words(&error))?;
+    let options = Collecting {
+        poses,
+        candidates: CANDIDATES,
+        seed,
+        described: Some(robot.content_hash()),
+        session: Some(SessionId(1)),
+        ..Collecting::default()
+    };
+    experiment::collected(&model, machine, seed, &options).map_err(|error| words(&error))
+}
+
+/// The joint estimate, as `calibrate all` makes it.
+fn estimate(data: &Data) -> Result<Answer, String> {
+    let estimator = Estimator {
+        closer_looks: true,
+        ..Estimator::default()
+    };
+    joint(data, &estimator).map_err(|error| error.to_string())
+}
+
+/// The robot by what the data of this machine say.
+///
+/// # Errors
+/// In words.
+pub(crate) fn known(
+    robot: &Robot,
+    machine: &SimulatedRobot,
+    seed: u64,
+    data: &Data,
+) -> Result<Known, String> {
+    let words = |error: &dyn std::fmt::Display| error.to_string();
+    let answer = estimate(data)?;
+    let over_board = with_board(robot);
+    let model = Model::new(&over_board).map_err(|error| words(&error))?;
+    let link = machine.at_home(&model).map_err(|error| words(&error))?;
+    let true_m = true_lengths_m(&link, robot.cables.len()).map_err(|error| words(&error))?;
+    let found_m = answer.initial_length_m.iter();
+    let lengths_off_m = found_m.zip(&true_m).map(|(found, truth)| found - truth);
+    let lengths_off_m = lengths_off_m.collect();
+    let document = result::document(robot, data, &answer).map_err(|error| words(&error))?;
+    let robot = result::applied(robot, &document).map_err(|error| words(&error))?;
+    Ok(Known {
+        lengths_off_m,
+        known_from_true: Scene::of(&over_board, seed).known_from_this(&robot),
+        robot,
+    })
+}
+
+/// One place.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Place {
+    /// Distance of the platform from where it should be, m.
+    pub position_m: f64,
+    /// Angle to the attitude that it should have, rad.
+    pub attitude_rad: f64,
+    /// Distance that is expected there, root mean square, m.
+    pub expected_m: f64,
+    /// Whether the platform is in the region of 95 % that the calibration states for its lengths.
+    pub inside: bool,
+    /// Distance of the tool from where it should be, m.
+    pub tool_m: f64,
+    /// Radius of the plan's tube of 95 % there, m.
+    pub tube_m: f64,
+}
+
+/// What was seen at a place.
+struct Visit {
+    wanted: Pose,
+    truth: Pose,
+    tool_wanted_m: Vector3<f64>,
+    tool_true_m: Vector3<f64>,
+    tube_m: f64,
+}
+
+/// What a machine came to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Judged {
+    /// Its seed.
+    pub seed: u64,
+    /// Poses that were collected.
+    pub poses: usize,
+    /// Its places.
+    pub places: Vec<Place>,
+    /// Why it has none or ended early, if so.
+    pub stopped: Option<String>,
+}
+
+/// Calibrates one machine by this many poses, and drives it to this many places.
+#[must_use]
+pub fn judge(robot: &Robot, poses: usize, places: usize, seed: u64) -> Judged {
+    let mut judged = Judged {
+        seed,
+        poses: 0,
+        places: Vec::new(),
+        stopped: None,
+    };
+    judged.stopped = work(robot, poses, places, &mut judged).err();
+    judged
+}
+
+fn work(robot: &Robot, poses: usize, places: usize, judged: &mut Judged) -> Result<(), String> {
+    let words = |error: &dyn std::fmt::Display| error.to_string();
+    let seed = judged.seed;
+    let machine = SimulatedRobot::new(Mismatch::as_built(), seed).machine(robot);
+    let data = collected(robot, &machine, poses, seed)?;
+    judged.poses = data.poses.len();
+    let known = known(robot, &machine, seed, &data)?;
+    let known_from_true = known.known_from_true.ok_or("no tag was found")?;
+    let visited = visit(&known, &machine, places, seed).map_err(|error| words(&error))?;
+    let body = known.robot.calibrated.as_ref();
+    let body = body.and_then(|calibrated| calibrated.places.first());
+    let tag_from_world = body.ok_or("no tag was found")?.world_from_body.inverse();
+    let mut with_places = data;
+    let wanted = visited.iter().map(|visit| &visit.wanted);
+    with_places.holdout = wanted.map(|pose| tag_from_world.compose(pose)).collect();
+    let answer = estimate(&with_places)?;
+    for (visit, covariance) in visited.iter().zip(&answer.holdout_covariance_m2) {
+        let seen = known_from_true.compose(&visit.truth);
+        let tool_m = known_from_true.transform(&visit.tool_true_m);
+        let off_m: Vector3<f64> = seen.position_m - visit.wanted.position_m;
+        let turned: Rotation3<f64> = seen.rotation * visit.wanted.rotation.inverse();
+        let distance = covariance
+            .cholesky()
+            .map(|root| off_m.dot(&root.solve(&off_m)));
+        judged.places.push(Place {
+            position_m: off_m.norm(),
+            attitude_rad: turned.angle(),
+            expected_m: covariance.trace().sqrt(),
+            inside: distance.is_some_and(|distance| distance <= CHI2_3_95),
+            tool_m: (tool_m - visit.tool_wanted_m).norm(),
+            tube_m: visit.tube_m,
+        });
+    }
+    Ok(())
+}
+
+/// Drives to random places.
+fn visit(
+    known: &Known,
+    machine: &SimulatedRobot,
+    places: usize,
+    seed: u64,
+) -> Result<Vec<Visit>, RunError> {
+    let model = Model::new(&known.robot).map_err(RunError::Plan)?;
+    let link = machine.at_home(&model)?;
+    let mut lengths_m = true_lengths_m(&link, known.robot.cables.len())?;
+    for (length_m, off_m) in lengths_m.iter_mut().zip(&known.lengths_off_m) {
+        *length_m += off_m;
+    }
+    let handle = Handle::new();
+    let homing = Homing::Lengths(lengths_m);
+    let mut session = Session::open(
+        &model,
+        link.clone(),
+        SessionId(2),
+        &handle,
+        homing,
+        &NoStore,
+    )?;
+    session.arm()?;
+    let speed_mps = Some(SPEED_MPS.min(known.robot.limits.speed_mps));
+    let [low, high] = known.robot.search_box_in_world_m();
+    let mut random = Random::new(seed ^ PLACES);
+    let belief = Belief::of(&known.robot, &Doubts::within(ANCHORS_M));
+    let mut visited = Vec::new();
+    for _ in 0..TRIES {
+        if visited.len() == places {
+            break;
+        }
+        let to_m = Vector3::from_fn(|axis, _| random.between(low[axis], high[axis]));
+        // Where it cannot go is no place.
+        let Ok(plan) = session.plan(Task::go_to("place", to_m)?, speed_mps) else {
+            continue;
+        };
+        session.follow(&plan, &mut Recorder::default(), |_| {})?;
+        rest(&mut session, REST_S)?;
+        let truth = link.with(|simulation| simulation.plant().truth());
+        let failed = crate::link::plant_failed;
+        let truth = truth.map_err(|error| RunError::Client(failed(error).into()))?;
+        let end_s = plan.timed.duration_s();
+        let tube = Tube::along(&plan, &belief).map_err(RunError::Plan)?;
+        let Some(wanted) = plan.state(end_s) else {
+            continue;
+        };
+        let [w, x, y, z] = truth.pose.rotation_wxyz;
+        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        visited.push(Visit {
+            wanted: wanted.equilibrium.pose,
+            truth: Pose::from_quaternion(truth.pose.position_m.into(), turn),
+            tool_wanted_m: plan.timed.tool_m(end_s)?,
+            tool_true_m: truth.tool_position_m.into(),
+            tube_m: tube.map_or(0.0, |tube| tube.radius_m(end_s)),
+        });
+    }
+    session.disarm()?;
+    Ok(visited)
+}
