@@ -5,6 +5,8 @@ use mcdpr::calibration::joint::{Options, joint};
 use mcdpr::calibration::simulate::{Setup, Silent, Target, simulate};
 use mcdpr::calibration::study::{median, trial};
 use mcdpr::calibration::{Data, Refusal};
+use mcdpr::robot::Robot;
+use mcdpr::study::calibrated::judge;
 use mcdpr_tests::mcdpr;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -453,4 +455,28 @@ fn left_out_readings_are_predicted_and_drawn() {
             "{words:?}: {said}"
         );
     }
+}
+
+/// The robot itself, not its model, at places that were not measured: what is stated holds, and does not hold by being large.
+#[test]
+fn a_calibrated_robot_is_where_its_calibration_says_at_other_places() {
+    let robot = Robot::built_in("eight-cable").unwrap();
+    let judged = judge(&robot, 8, 4, 1);
+    assert_eq!(judged.stopped, None);
+    assert_eq!((judged.poses, judged.places.len()), (8, 4));
+    for place in &judged.places {
+        println!("{place:?}");
+        assert!(place.tool_m < place.tube_m, "{place:?}");
+        // As built its anchors are off by up to 5 mm.
+        assert!(
+            place.position_m < 1e-3 && place.attitude_rad < 5e-3,
+            "{place:?}"
+        );
+        assert!(
+            place.expected_m < 1.5e-3 && place.tube_m < 3e-3,
+            "{place:?}"
+        );
+    }
+    let inside = judged.places.iter().filter(|place| place.inside).count();
+    assert!(inside >= 3, "{inside} of 4 in the region of 95 %");
 }

@@ -189,7 +189,7 @@ mod tests {
         let layout = layout();
         let rows_of = |first: ResidualRow, second: ResidualRow| {
             let knot = Knot {
-                rows: List::collect([first, second].into_iter()),
+                rows: List::collect([first, second]),
                 ..Knot::default()
             };
             let part = layout.knot(0, &knot);

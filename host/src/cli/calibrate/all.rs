@@ -196,6 +196,9 @@ fn refusable<T, E: std::fmt::Display + Into<miette::Report>>(
     }
 }
 
+/// Cables that can hold a platform's attitude.
+const SIX: usize = 6;
+
 fn show(data: &Data, answer: &Answer) {
     show_cables(data, answer);
     show_places(answer);
@@ -212,6 +215,12 @@ fn show(data: &Data, answer: &Answer) {
             answer.predicted_error_m * 1e3,
             answer.worst_predicted_error_m * 1e3
         );
+        if data.robot.cables.len() < SIX {
+            say!(
+                "that is the part of the cables' lengths; how the platform tilts as it hangs comes on top, and `mcdpr plan` \
+                 states both"
+            );
+        }
     }
     for words in &answer.unobservable {
         say!("not observable: {words}");
