@@ -170,14 +170,16 @@ pub fn judge(robot: &Robot, poses: usize, places: usize, seed: u64) -> Judged {
 }
 
 fn work(robot: &Robot, poses: usize, places: usize, judged: &mut Judged) -> Result<(), String> {
-    let words = |error: &dyn std::fmt::Display| error.to_string();
     let seed = judged.seed;
     let machine = SimulatedRobot::new(Mismatch::as_built(), seed).machine(robot);
-    let data = collected(robot, &machine, poses, seed)?;
+    let data = collected(robot, &machine, poses, seed);
+    let data = data.map_err(|error| format!("collecting: {error}"))?;
     judged.poses = data.poses.len();
-    let known = known(robot, &machine, seed, &data)?;
+    let known = known(robot, &machine, seed, &data);
+    let known = known.map_err(|error| format!("calibrating: {error}"))?;
     let known_from_true = known.known_from_true.ok_or("no tag was found")?;
-    let visited = visit(&known, &machine, places, seed).map_err(|error| words(&error))?;
+    let visited = visit(&known, &machine, places, seed);
+    let visited = visited.map_err(|error| format!("on the way to a place: {error}"))?;
     let body = known.robot.calibrated.as_ref();
     let body = body.and_then(|calibrated| calibrated.places.first());
     let tag_from_world = body.ok_or("no tag was found")?.world_from_body.inverse();
