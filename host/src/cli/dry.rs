@@ -90,6 +90,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("states", Computes),
     ("statics", Computes),
     ("stop", Refuses),
+    ("study calibrated", Refuses),
     ("study day", Refuses),
     ("study demo", Refuses),
     ("study iso9283", Refuses),
