@@ -122,7 +122,7 @@ fn calibration_data_are_collected_on_a_port_by_pictures_of_a_folder() {
 fn something_is_picked_on_a_port_by_pictures_of_a_folder() {
     let _alone = alone();
     let more = ["--ideal", "--objects", "5", "--seed", "2"];
-    let make = || Scene::new("camera-pick", "0.7", &more);
+    let make = || Scene::new("camera-pick", "0.5", &more);
     let (_, done) = unless_starved(make, |scene| {
         let refused = scene.run(&["pick"], "");
         assert!(
