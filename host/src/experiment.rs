@@ -23,7 +23,7 @@
 mod collected;
 mod laps;
 
-pub(crate) use collected::collected;
+pub(crate) use collected::{calibrated, collected, estimated, over_board};
 pub(crate) use laps::Looking;
 use laps::{Keep, Laps, Noting, Tracked, Truth, simulated_eyes};
 
@@ -38,6 +38,7 @@ use crate::run::tracking::{Lesson, Tracking};
 use crate::run::{self, Homing, Measured, Progress, ResumeError, RunError, Session};
 use crate::sight::Scene;
 use mcdpr_core::recovery::{Journal, JournalError};
+use mcdpr_kinematics::Pose;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation};
 use nalgebra::{Rotation3, Vector3};
@@ -475,10 +476,15 @@ impl<'a> Experiment<'a> {
 }
 
 /// A true path in the world frame that the robot knows.
-pub(crate) fn in_calibrated_frame(model: &Model, mut path: Vec<PathPoint>) -> Vec<PathPoint> {
-    let Some(known_from_true) = Scene::known_from_true(model.robot()) else {
-        return path;
-    };
+pub(crate) fn in_calibrated_frame(model: &Model, path: Vec<PathPoint>) -> Vec<PathPoint> {
+    match Scene::known_from_true(model.robot()) {
+        Some(known_from_true) => in_frame(&known_from_true, path),
+        None => path,
+    }
+}
+
+/// A true path in a frame in which the simulator's world frame has this pose.
+pub(crate) fn in_frame(known_from_true: &Pose, mut path: Vec<PathPoint>) -> Vec<PathPoint> {
     for point in &mut path {
         point.tool_m = known_from_true.transform(&point.tool_m.into()).into();
     }

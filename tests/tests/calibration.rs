@@ -5,6 +5,7 @@ use mcdpr::calibration::joint::{Options, joint};
 use mcdpr::calibration::simulate::{Setup, Silent, Target, simulate};
 use mcdpr::calibration::study::{median, trial};
 use mcdpr::calibration::{Data, Refusal};
+use mcdpr::machine::Mismatch;
 use mcdpr::robot::Robot;
 use mcdpr::study::calibrated::judge;
 use mcdpr_tests::mcdpr;
@@ -461,9 +462,10 @@ fn left_out_readings_are_predicted_and_drawn() {
 #[test]
 fn a_calibrated_robot_is_where_its_calibration_says_at_other_places() {
     let robot = Robot::built_in("eight-cable").unwrap();
-    let judged = judge(&robot, 8, 4, 1);
+    let judged = judge(&robot, Mismatch::as_built(), 8, 4, 1);
     assert_eq!(judged.stopped, None);
     assert_eq!((judged.poses, judged.places.len()), (8, 4));
+    assert!(judged.calibrated);
     for place in &judged.places {
         println!("{place:?}");
         assert!(place.tool_m < place.tube_m, "{place:?}");

@@ -248,3 +248,19 @@ fn c1_s5_a_slip_is_not_taken_for_a_broken_cable_and_its_cable_is_named() {
         }
     }
 }
+
+#[test]
+fn what_is_lost_before_a_fault_is_noticed_counts_also_if_it_never_is() {
+    let mut after = run_on(&Robot::built_in("paper-table5").unwrap(), &["C4:1@0.9s"]);
+    let noticed_ms = after.detected_after_ms().unwrap();
+    let (whole_m, away_m) = (after.drop_m(), after.deviation_m());
+    println!("noticed after {noticed_ms} ms, drop {whole_m} m, off the path by {away_m} m");
+    assert!(noticed_ms > 1000);
+    assert!(away_m >= whole_m && away_m < 0.02);
+    // The same run up to the tick before it was noticed.
+    let until = after.trace.len() - after.after().len() + noticed_ms;
+    after.trace.truncate(until);
+    assert_eq!(after.record(), None);
+    println!("until then {} m", after.drop_m());
+    assert!(after.drop_m() > 5e-3 && after.drop_m() <= whole_m);
+}

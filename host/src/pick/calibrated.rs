@@ -6,8 +6,6 @@
 
 use super::PickError;
 use crate::calibration::collect::{CollectError, Options};
-use crate::calibration::simulate::Target;
-use crate::calibration::{Options as Estimator, joint, result, target};
 use crate::experiment::{self, SimulatedRobot};
 use crate::machine::{Controller, Mismatch};
 use crate::motion::Model;
@@ -53,9 +51,7 @@ pub fn calibrated_by(
     let failed = |error: &dyn Display| PickError::Calibration {
         reason: error.to_string(),
     };
-    let mut with_board = robot.clone();
-    with_board.tags = target::tags(Target::Board);
-    let model = Model::new(&with_board)?;
+    let model = Model::new(&experiment::over_board(robot))?;
     let mismatch = kind
         .and_then(Mismatch::named)
         .unwrap_or(Mismatch::as_built());
@@ -84,11 +80,6 @@ pub fn calibrated_by(
         measured = measure(set);
     }
     let data = measured?;
-    let estimator = Estimator {
-        closer_looks: true,
-        ..Estimator::default()
-    };
-    let answer = joint(&data, &estimator).map_err(|error| failed(&error))?;
-    let document = result::document(robot, &data, &answer).map_err(|error| failed(&error))?;
-    result::applied(robot, &document).map_err(|error| failed(&error))
+    let (robot, _) = experiment::calibrated(robot, &data).map_err(|error| failed(&error))?;
+    Ok(robot)
 }

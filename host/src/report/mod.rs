@@ -20,17 +20,26 @@ pub(crate) use plot::draw_path;
 pub(crate) use predict_plot::predict_figure;
 pub(crate) use robot_plot::draw_robot;
 
+use mcdpr_kinematics::Pose;
 use mcdpr_simulator::TracePoint;
+use mcdpr_simulator::plant::Truth;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
+
+/// True pose of a simulated platform, world_from_platform.
+#[must_use]
+pub(crate) fn true_pose(truth: &Truth) -> Pose {
+    let [w, x, y, z] = truth.pose.rotation_wxyz;
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    Pose::from_quaternion(truth.pose.position_m.into(), turn)
+}
 
 /// True attitudes (world_from_platform) of a simulated run along its motion: path time (s) and rotation.
 #[must_use]
 pub(crate) fn true_turns(trace: &[TracePoint]) -> Vec<(f64, Rotation3<f64>)> {
     along(trace)
         .map(|point| {
-            let [w, x, y, z] = point.truth.pose.rotation_wxyz;
-            let turned = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
-            (f64::from(point.path_ms) * 1e-3, turned.into())
+            let pose = true_pose(&point.truth);
+            (f64::from(point.path_ms) * 1e-3, pose.rotation)
         })
         .collect()
 }

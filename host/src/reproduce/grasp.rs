@@ -14,7 +14,7 @@ use crate::pick::study::{
 use crate::sight::{Shown, base64};
 use mcdpr_kinematics::Pose;
 use mcdpr_simulator::camera::Order;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::fmt::Write as _;
 
@@ -335,17 +335,17 @@ fn operation(kept: &Kept, cables: usize) -> Vec<Chart> {
             .filter_map(|sample| Some((sample.path_s?, sample.lengths_m.get(cable)? * 1e3)));
         Curve::new(format!("{}", cable + 1), cable, points)
     });
-    let pose = |truth: &mcdpr_simulator::plant::Truth| {
-        let [w, x, y, z] = truth.pose.rotation_wxyz;
-        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-        Pose::from_quaternion(truth.pose.position_m.into(), turn)
-    };
     let axes = |names: [&str; 3], of: &dyn Fn(&Pose) -> [f64; 3]| -> Vec<Curve> {
         let named = names.iter().enumerate();
         named
             .map(|(axis, name)| {
                 let points = kept.truth.iter();
-                let points = points.map(|point| (point.time_s, of(&pose(&point.truth))[axis]));
+                let points = points.map(|point| {
+                    (
+                        point.time_s,
+                        of(&crate::report::true_pose(&point.truth))[axis],
+                    )
+                });
                 Curve::new(*name, axis, points)
             })
             .collect()

@@ -6,12 +6,11 @@ use crate::chart::{Chart, Curve};
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::{Controller, Firmware, Mismatch};
 use crate::motion::{Model, PlanOptions, StaticState, Task, Tensioning};
-use crate::report::{Figures, true_path};
+use crate::report::{Figures, true_path, true_pose};
 use crate::run::Measured;
 use mcdpr_kinematics::Pose;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::Simulation;
-use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 
 /// Height of a level platform's origin, m: the paper's 24 mm is out of the sensors' range.
@@ -61,9 +60,7 @@ pub(super) fn run(
     let moving: Vec<_> = trace.iter().filter(|point| point.path_ms > 0).collect();
     let moving = moving.get(moving.len().saturating_sub(path.len())..);
     let poses = moving.unwrap_or_default().iter().map(|point| {
-        let [w, x, y, z] = point.truth.pose.rotation_wxyz;
-        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-        let pose = Pose::from_quaternion(point.truth.pose.position_m.into(), turn);
+        let pose = true_pose(&point.truth);
         (
             f64::from(point.path_ms) * 1e-3,
             pose.position_m.into(),

@@ -1,18 +1,18 @@
 //! A robot after its calibration, at places that were not measured: how far off it is, and whether it says so.
 //!
-//! A machine as built collects poses over the board of tags, the joint estimate describes it, and it drives to random
+//! A machine collects poses over the board of tags, the joint estimate describes it, and it drives to random
 //! places, from where it stands: with the cable lengths that the calibration found. It is judged in the frame of its
 //! tags, since a calibration cannot determine another, against the region in which the calibration says the platform is
 //! with 95 % probability.
 
 use super::motion::{rest, true_lengths_m};
+use crate::calibration::Data;
 use crate::calibration::collect::Options as Collecting;
-use crate::calibration::simulate::Target;
-use crate::calibration::{Answer, Data, Options as Estimator, joint, result, target};
 use crate::control::Handle;
-use crate::experiment::{self, SimulatedRobot};
+use crate::experiment::{self, SimulatedRobot, over_board};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
+use crate::report::true_pose;
 use crate::robot::Robot;
 use crate::run::{Homing, NoStore, Recorder, RunError, Session};
 use crate::sight::Scene;
@@ -20,7 +20,7 @@ use mcdpr_core::estimate::tube::{Belief, Doubts, Tube};
 use mcdpr_core::random::Random;
 use mcdpr_kinematics::Pose;
 use mcdpr_protocol::SessionId;
-use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Rotation3, Vector3};
 use serde::Serialize;
 
 /// Candidates for the poses.
@@ -49,15 +49,7 @@ pub(crate) struct Known {
     pub known_from_true: Option<Pose>,
 }
 
-/// The robot over the board of tags.
-#[must_use]
-pub(crate) fn with_board(robot: &Robot) -> Robot {
-    let mut with_board = robot.clone();
-    with_board.tags = target::tags(Target::Board);
-    with_board
-}
-
-/// Poses of this machine, as built and with this seed, over the board of tags.
+/// Poses of this machine over the board of tags, whose places the seed draws.
 ///
 /// # Errors
 /// In words.
@@ -68,7 +60,7 @@ pub(crate) fn collected(
     seed: u64,
 ) -> Result<Data, String> {
     let words = |error: &dyn std::fmt::Display| error.to_string();
-    let model = Model::new(&with_board(robot)).map_err(|error| words(&error))?;
+    let model = Model::new(&over_board(robot)).map_err(|error| words(&error))?;
     let options = Collecting {
         poses,
         candidates: CANDIDATES,
@@ -78,15 +70,6 @@ pub(crate) fn collected(
         ..Collecting::default()
     };
     experiment::collected(&model, machine, seed, &options).map_err(|error| words(&error))
-}
-
-/// The joint estimate, as `calibrate all` makes it.
-fn estimate(data: &Data) -> Result<Answer, String> {
-    let estimator = Estimator {
-        closer_looks: true,
-        ..Estimator::default()
-    };
-    joint(data, &estimator).map_err(|error| error.to_string())
 }
 
 /// The robot by what the data of this machine say.
@@ -100,16 +83,14 @@ pub(crate) fn known(
     data: &Data,
 ) -> Result<Known, String> {
     let words = |error: &dyn std::fmt::Display| error.to_string();
-    let answer = estimate(data)?;
-    let over_board = with_board(robot);
+    let over_board = over_board(robot);
     let model = Model::new(&over_board).map_err(|error| words(&error))?;
     let link = machine.at_home(&model).map_err(|error| words(&error))?;
     let true_m = true_lengths_m(&link, robot.cables.len()).map_err(|error| words(&error))?;
+    let (robot, answer) = experiment::calibrated(robot, data)?;
     let found_m = answer.initial_length_m.iter();
     let lengths_off_m = found_m.zip(&true_m).map(|(found, truth)| found - truth);
     let lengths_off_m = lengths_off_m.collect();
-    let document = result::document(robot, data, &answer).map_err(|error| words(&error))?;
-    let robot = result::applied(robot, &document).map_err(|error| words(&error))?;
     Ok(Known {
         lengths_off_m,
         known_from_true: Scene::of(&over_board, seed).known_from_this(&robot),
@@ -150,43 +131,54 @@ pub struct Judged {
     pub seed: u64,
     /// Poses that were collected.
     pub poses: usize,
-    /// Its places.
+    /// Whether they calibrated it.
+    pub calibrated: bool,
+    /// The places that it reached.
     pub places: Vec<Place>,
-    /// Why it has none or ended early, if so.
+    /// Why it ended before the last of them, if so.
     pub stopped: Option<String>,
 }
 
-/// Calibrates one machine by this many poses, and drives it to this many places.
+/// Calibrates one machine with these errors by this many poses, and drives it to this many places.
 #[must_use]
-pub fn judge(robot: &Robot, poses: usize, places: usize, seed: u64) -> Judged {
+pub fn judge(robot: &Robot, mismatch: Mismatch, poses: usize, places: usize, seed: u64) -> Judged {
     let mut judged = Judged {
         seed,
         poses: 0,
+        calibrated: false,
         places: Vec::new(),
         stopped: None,
     };
-    judged.stopped = work(robot, poses, places, &mut judged).err();
+    let machine = SimulatedRobot::new(mismatch, seed).machine(robot);
+    judged.stopped = work(robot, &machine, poses, places, &mut judged).err();
     judged
 }
 
-fn work(robot: &Robot, poses: usize, places: usize, judged: &mut Judged) -> Result<(), String> {
+fn work(
+    robot: &Robot,
+    machine: &SimulatedRobot,
+    poses: usize,
+    places: usize,
+    judged: &mut Judged,
+) -> Result<(), String> {
     let seed = judged.seed;
-    let machine = SimulatedRobot::new(Mismatch::as_built(), seed).machine(robot);
-    let data = collected(robot, &machine, poses, seed);
+    let data = collected(robot, machine, poses, seed);
     let data = data.map_err(|error| format!("collecting: {error}"))?;
     judged.poses = data.poses.len();
-    let known = known(robot, &machine, seed, &data);
+    let known = known(robot, machine, seed, &data);
     let known = known.map_err(|error| format!("calibrating: {error}"))?;
     let known_from_true = known.known_from_true.ok_or("no tag was found")?;
-    let visited = visit(&known, &machine, places, seed);
-    let visited = visited.map_err(|error| format!("on the way to a place: {error}"))?;
+    judged.calibrated = true;
+    let mut visited = Vec::new();
+    let ended = visit(&known, machine, places, seed, &mut visited);
     let body = known.robot.calibrated.as_ref();
     let body = body.and_then(|calibrated| calibrated.places.first());
     let tag_from_world = body.ok_or("no tag was found")?.world_from_body.inverse();
     let mut with_places = data;
     let wanted = visited.iter().map(|visit| &visit.wanted);
     with_places.holdout = wanted.map(|pose| tag_from_world.compose(pose)).collect();
-    let answer = estimate(&with_places)?;
+    // Again, now that the places are known: the estimate is the same, and states its region there.
+    let answer = experiment::estimated(&with_places)?;
     for (visit, covariance) in visited.iter().zip(&answer.holdout_covariance_m2) {
         let seen = known_from_true.compose(&visit.truth);
         let tool_m = known_from_true.transform(&visit.tool_true_m);
@@ -204,16 +196,17 @@ fn work(robot: &Robot, poses: usize, places: usize, judged: &mut Judged) -> Resu
             tube_m: visit.tube_m,
         });
     }
-    Ok(())
+    ended.map_err(|error| format!("on the way to place {}: {error}", visited.len() + 1))
 }
 
-/// Drives to random places.
+/// Drives to random places; those that were reached are in `visited`, also where it fails on the way.
 fn visit(
     known: &Known,
     machine: &SimulatedRobot,
     places: usize,
     seed: u64,
-) -> Result<Vec<Visit>, RunError> {
+    visited: &mut Vec<Visit>,
+) -> Result<(), RunError> {
     let model = Model::new(&known.robot).map_err(RunError::Plan)?;
     let link = machine.at_home(&model)?;
     let mut lengths_m = true_lengths_m(&link, known.robot.cables.len())?;
@@ -235,7 +228,6 @@ fn visit(
     let [low, high] = known.robot.search_box_in_world_m();
     let mut random = Random::new(seed ^ PLACES);
     let belief = Belief::of(&known.robot, &Doubts::within(ANCHORS_M));
-    let mut visited = Vec::new();
     for _ in 0..TRIES {
         if visited.len() == places {
             break;
@@ -255,16 +247,13 @@ fn visit(
         let Some(wanted) = plan.state(end_s) else {
             continue;
         };
-        let [w, x, y, z] = truth.pose.rotation_wxyz;
-        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
         visited.push(Visit {
             wanted: wanted.equilibrium.pose,
-            truth: Pose::from_quaternion(truth.pose.position_m.into(), turn),
+            truth: true_pose(&truth),
             tool_wanted_m: plan.timed.tool_m(end_s)?,
             tool_true_m: truth.tool_position_m.into(),
             tube_m: tube.map_or(0.0, |tube| tube.radius_m(end_s)),
         });
     }
-    session.disarm()?;
-    Ok(visited)
+    session.disarm()
 }

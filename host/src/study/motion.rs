@@ -9,7 +9,7 @@
 use crate::calibration::simulate::Target;
 use crate::calibration::target;
 use crate::control::Handle;
-use crate::experiment::SimulatedRobot;
+use crate::experiment::{SimulatedRobot, in_frame};
 use crate::link::SimulatedLink;
 use crate::machine::Mismatch;
 use crate::motion::path::Path;
@@ -284,13 +284,12 @@ pub(crate) fn run_as(
     } else {
         let plan = crate::motion::Plan::new(&planned, &session.tool_m(), &steps)?;
         session.follow(&plan, &mut recorder, |_| {})?;
-        let mut path = report::true_path(&link.with(Simulation::take_trace));
-        if let Some(known_from_true) = machine.and_then(|machine| machine.known_from_true) {
-            for point in &mut path {
-                point.tool_m = known_from_true.transform(&point.tool_m.into()).into();
-            }
+        let path = report::true_path(&link.with(Simulation::take_trace));
+        let known_from_true = machine.and_then(|machine| machine.known_from_true);
+        match known_from_true {
+            Some(known_from_true) => (plan, in_frame(&known_from_true, path)),
+            None => (plan, path),
         }
-        (plan, path)
     };
     rest(&mut session, REST_S)?;
     let resting = link.with(Simulation::take_trace);

@@ -38,10 +38,6 @@ enum Cables {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        if common.on != "sim" {
-            let reason = "the study needs the simulator's truth";
-            return Err(Failed::from_error("--on")(reason).into());
-        }
         for (name, value, range) in [
             ("--hours", self.hours, 0.1..=200.0),
             ("--look-every-s", self.look_every_s, 10.0..=1e5),

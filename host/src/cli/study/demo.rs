@@ -1,7 +1,7 @@
 //! `mcdpr study demo`: the figures of `mcdpr demo` over many seeds.
 
 use crate::cli::table::lay_out;
-use crate::cli::{Common, Failed, Outcome, print_json, write_out};
+use crate::cli::{Common, Outcome, print_json, write_out};
 use crate::experiment::{Experiment, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
@@ -43,10 +43,6 @@ const FIGURES: [Figure; 5] = [
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        if common.on != "sim" {
-            let reason = "a study needs the truth, which only the simulator knows";
-            return Err(Failed::from_error("--on")(reason).into());
-        }
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
         model.hanging("the study of the paper's circle")?;

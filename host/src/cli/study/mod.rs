@@ -13,7 +13,7 @@ mod track;
 mod tube;
 mod winch;
 
-use super::{Common, Outcome};
+use super::{Common, Failed, Outcome};
 
 /// Simulate the studies that the documents quote, seed by seed
 #[derive(Debug, clap::Args)]
@@ -43,6 +43,12 @@ impl Cmd {
         // Only losses of power are also studied on emulated chips.
         if !matches!(self.which, Which::Power(_)) {
             common.no_chip("study")?;
+        }
+        // Real data are no robot's, and of an industrial test there may be a tracker's file.
+        let of_files = matches!(self.which, Which::Real(_) | Which::Iso9283(_));
+        if common.on != "sim" && !of_files {
+            let reason = "a study needs the truth, which only the simulator knows";
+            return Err(Failed::from_error("--on")(reason).into());
         }
         match &self.which {
             Which::Calibrated(cmd) => cmd.run(common),

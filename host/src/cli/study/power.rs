@@ -74,10 +74,6 @@ fn journal_cost(model: &Model) -> miette::Result<Cost> {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        if common.on != "sim" {
-            let reason = "a study needs the truth, which only the simulator knows";
-            return Err(Failed::from_error("--on")(reason).into());
-        }
         let mut robot = crate::robot::find(&common.robot)?;
         if let Some(brake_ms) = self.brake_ms {
             for winch in &mut robot.winches {

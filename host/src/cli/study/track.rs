@@ -67,10 +67,6 @@ struct Done {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        if common.on != "sim" {
-            let reason = "the study needs the simulator's truth";
-            return Err(Failed::from_error("--on")(reason).into());
-        }
         if !(0.0..=20.0).contains(&self.knock_mm) {
             let reason = format!("{}: give 0 to 20", self.knock_mm);
             return Err(Failed::from_error("--knock-mm")(reason).into());

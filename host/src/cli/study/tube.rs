@@ -24,10 +24,6 @@ pub(crate) struct Cmd {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        if common.on != "sim" {
-            let reason = "the study needs the simulator's truth";
-            return Err(Failed::from_error("--on")(reason).into());
-        }
         let kind = common.machine.as_deref().unwrap_or("as-built");
         let mismatch = Mismatch::named(kind).unwrap_or(Mismatch::as_built());
         let anchors_mm = match kind {
