@@ -23,7 +23,7 @@
 mod collected;
 mod laps;
 
-pub(crate) use collected::{calibrated, collected, estimated, over_board};
+pub(crate) use collected::{calibrated, collected, over_board};
 pub(crate) use laps::Looking;
 use laps::{Keep, Laps, Noting, Tracked, Truth, simulated_eyes};
 

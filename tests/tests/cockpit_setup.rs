@@ -238,6 +238,7 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
     let result = page.text("step-calibrate-result");
     for part in [
         "predicted position error",
+        "expected error of the platform at rest",
         "one more pose",
         "verdict: accepted",
     ] {

@@ -1,5 +1,6 @@
 //! How close a motion comes to each limit, and where.
 
+use super::allowance;
 use super::model::{Model, StaticState};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -139,12 +140,11 @@ impl Margins {
             let Some(winch) = robot.winch_of(cable) else {
                 continue;
             };
-            let most_n = limits.tension_max_n.min(winch.tension_max_n);
             let what = [
                 Quantity::LeastTension(cable),
                 Quantity::GreatestTension(cable),
             ];
-            self.between(what, tension_n, [limits.tension_min_n, most_n], at);
+            self.between(what, tension_n, allowance::planned_n(robot, cable), at);
             let most_m = winch.turns_max * std::f64::consts::TAU * winch.drum_radius_m;
             let what = Quantity::DrumLength(cable);
             self.below(what, paid_out_m * 1e3, most_m * 1e3, at);

@@ -1,5 +1,6 @@
 //! Motion planning: paths, time laws and splines; the robot at equilibrium along them; plans.
 
+mod allowance;
 mod bounds;
 mod curve;
 mod drift;

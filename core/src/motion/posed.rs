@@ -1,6 +1,7 @@
 //! The robot where lengths hold its whole pose: the planner chooses the attitude, and the tensions are
 //! distributed.
 
+use super::allowance;
 use super::model::{Model, StaticState, TAUT_N};
 use super::plan::PlanError;
 use crate::holding::Freedom;
@@ -122,11 +123,7 @@ impl Model {
         let (mut min, mut max, mut wish) = (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
         let slots = min.iter_mut().zip(&mut max).zip(&mut wish);
         for (index, (((low, high), wish), cable)) in slots.zip(&robot.cables).enumerate() {
-            *low = robot.limits.tension_min_n;
-            *high = robot.limits.tension_max_n;
-            if let Some(winch) = robot.winch_of(index) {
-                *high = high.min(winch.tension_max_n);
-            }
+            [*low, *high] = allowance::planned_n(robot, index);
             if cable.control == Control::Tension {
                 *low = low.max(robot.tension.floor_n);
                 *high = high.min(robot.tension.ceiling_n);

@@ -3,6 +3,7 @@
 //! The rule: maximise the smallest tension of all cables, within the limits of plan and winch. Only
 //! the ratio of tension to weight matters, so the rule is independent of the mass.
 
+use super::allowance;
 use super::model::{Model, StaticState};
 use super::plan::PlanError;
 use crate::robot::Control;
@@ -20,13 +21,12 @@ const STEP_SHARE: f64 = 0.25;
 /// Least and greatest tension that a plan may ask of the tension-held cable, N.
 pub(super) fn bounds_n(model: &Model) -> (f64, f64) {
     let robot = model.robot();
-    let mut low = robot.tension.floor_n.max(robot.limits.tension_min_n);
-    let mut high = robot.tension.ceiling_n.min(robot.limits.tension_max_n);
+    let (mut low, mut high) = (robot.tension.floor_n, robot.tension.ceiling_n);
     for (index, cable) in robot.cables.iter().enumerate() {
-        if cable.control == Control::Tension
-            && let Some(winch) = robot.winch_of(index)
-        {
-            high = high.min(winch.tension_max_n);
+        if cable.control == Control::Tension {
+            let [least, greatest] = allowance::planned_n(robot, index);
+            low = low.max(least);
+            high = high.min(greatest);
         }
     }
     // `clamp` panics for crossed bounds: with a contradictory robot file the ceiling decides.

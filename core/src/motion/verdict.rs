@@ -1,6 +1,7 @@
 //! Checks a motion before it starts: the first limit that it would break, and its margin to the
 //! others.
 
+use super::allowance;
 use super::flank;
 use super::margin::{Margin, Margins, Moment};
 use super::model::{Model, StaticState};
@@ -321,20 +322,16 @@ fn judge_state(
             continue;
         };
         let number = index + 1;
-        // The range of the winch's sensor may end below the robot's limit.
-        let most = limits.tension_max_n.min(winch.tension_max_n);
-        if tension > most || tension < limits.tension_min_n {
-            let limit = if tension > most {
-                most
+        let [low, high] = allowance::planned_n(robot, index);
+        if tension > high || tension < low {
+            let [stops_low, stops_high] = allowance::limits_n(robot, index);
+            let (limit, stops) = if tension > high {
+                (high, stops_high)
             } else {
-                limits.tension_min_n
+                (low, stops_low)
             };
-            return Some((
-                format!("the tension of cable {number}"),
-                tension,
-                limit,
-                "N",
-            ));
+            let what = format!("the tension of cable {number} (the board stops at {stops:.2} N)");
+            return Some((what, tension, limit, "N"));
         }
         let most = winch.turns_max * std::f64::consts::TAU * winch.drum_radius_m;
         if paid_out > most {

@@ -2,6 +2,7 @@
 //!
 //! The estimators are a crate of their own, `mcdpr_calibration`.
 
+pub mod at_rest;
 pub mod collect;
 pub(crate) mod history;
 pub mod result;

@@ -45,7 +45,7 @@ pub(crate) fn over_board(robot: &Robot) -> Robot {
 ///
 /// # Errors
 /// Its refusal, in words.
-pub(crate) fn estimated(data: &Data) -> Result<Answer, String> {
+fn estimated(data: &Data) -> Result<Answer, String> {
     let estimator = Estimator {
         closer_looks: true,
         ..Estimator::default()

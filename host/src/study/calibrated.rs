@@ -2,8 +2,8 @@
 //!
 //! A machine collects poses over the board of tags, the joint estimate describes it, and it drives to random
 //! places, from where it stands: with the cable lengths that the calibration found. It is judged in the frame of its
-//! tags, since a calibration cannot determine another, against the region in which the calibration says the platform is
-//! with 95 % probability.
+//! tags, since a calibration cannot determine another, against the region in which the platform should be with 95 %
+//! probability: what the calibration leaves open, and the statics of how it hangs.
 
 use super::motion::{rest, true_lengths_m};
 use crate::calibration::Data;
@@ -20,7 +20,7 @@ use mcdpr_core::estimate::tube::{Belief, Doubts, Tube};
 use mcdpr_core::random::Random;
 use mcdpr_kinematics::Pose;
 use mcdpr_protocol::SessionId;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3};
 use serde::Serialize;
 
 /// Candidates for the poses.
@@ -107,8 +107,12 @@ pub struct Place {
     pub attitude_rad: f64,
     /// Distance that is expected there, root mean square, m.
     pub expected_m: f64,
-    /// Whether the platform is in the region of 95 % that the calibration states for its lengths.
+    /// Angle that is expected there, root mean square, rad.
+    pub expected_rad: f64,
+    /// Whether the platform's position is in the region of 95 %.
     pub inside: bool,
+    /// Whether its attitude is in the region of 95 %.
+    pub turned_inside: bool,
     /// Distance of the tool from where it should be, m.
     pub tool_m: f64,
     /// Radius of the plan's tube of 95 % there, m.
@@ -122,6 +126,8 @@ struct Visit {
     tool_wanted_m: Vector3<f64>,
     tool_true_m: Vector3<f64>,
     tube_m: f64,
+    /// Covariance of the platform's position (m) and rotation (rad).
+    expected: Matrix6<f64>,
 }
 
 /// What a machine came to.
@@ -171,32 +177,31 @@ fn work(
     judged.calibrated = true;
     let mut visited = Vec::new();
     let ended = visit(&known, machine, places, seed, &mut visited);
-    let body = known.robot.calibrated.as_ref();
-    let body = body.and_then(|calibrated| calibrated.places.first());
-    let tag_from_world = body.ok_or("no tag was found")?.world_from_body.inverse();
-    let mut with_places = data;
-    let wanted = visited.iter().map(|visit| &visit.wanted);
-    with_places.holdout = wanted.map(|pose| tag_from_world.compose(pose)).collect();
-    // Again, now that the places are known: the estimate is the same, and states its region there.
-    let answer = experiment::estimated(&with_places)?;
-    for (visit, covariance) in visited.iter().zip(&answer.holdout_covariance_m2) {
+    for visit in &visited {
         let seen = known_from_true.compose(&visit.truth);
         let tool_m = known_from_true.transform(&visit.tool_true_m);
         let off_m: Vector3<f64> = seen.position_m - visit.wanted.position_m;
         let turned: Rotation3<f64> = seen.rotation * visit.wanted.rotation.inverse();
-        let distance = covariance
-            .cholesky()
-            .map(|root| off_m.dot(&root.solve(&off_m)));
+        let part = |at: usize| Matrix3::from_fn(|i, j| visit.expected[(at + i, at + j)]);
+        let (position_m2, rotation_rad2) = (part(0), part(3));
         judged.places.push(Place {
             position_m: off_m.norm(),
             attitude_rad: turned.angle(),
-            expected_m: covariance.trace().sqrt(),
-            inside: distance.is_some_and(|distance| distance <= CHI2_3_95),
+            expected_m: position_m2.trace().sqrt(),
+            expected_rad: rotation_rad2.trace().sqrt(),
+            inside: within(&position_m2, &off_m),
+            turned_inside: within(&rotation_rad2, &turned.scaled_axis()),
             tool_m: (tool_m - visit.tool_wanted_m).norm(),
             tube_m: visit.tube_m,
         });
     }
     ended.map_err(|error| format!("on the way to place {}: {error}", visited.len() + 1))
+}
+
+/// Whether an error lies in the region of 95 % of a covariance.
+fn within(covariance: &Matrix3<f64>, off: &Vector3<f64>) -> bool {
+    let root = covariance.cholesky();
+    root.is_some_and(|root| off.dot(&root.solve(off)) <= CHI2_3_95)
 }
 
 /// Drives to random places; those that were reached are in `visited`, also where it fails on the way.
@@ -247,12 +252,17 @@ fn visit(
         let Some(wanted) = plan.state(end_s) else {
             continue;
         };
+        let expected = belief.platform_at(&model, &wanted);
+        let Some(expected) = expected.map_err(RunError::Plan)? else {
+            continue;
+        };
         visited.push(Visit {
             wanted: wanted.equilibrium.pose,
             truth: true_pose(&truth),
             tool_wanted_m: plan.timed.tool_m(end_s)?,
             tool_true_m: truth.tool_position_m.into(),
             tube_m: tube.map_or(0.0, |tube| tube.radius_m(end_s)),
+            expected,
         });
     }
     session.disarm()

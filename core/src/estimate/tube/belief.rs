@@ -1,7 +1,8 @@
 //! What is known of a machine, and how well.
 
+use crate::motion::{Model, PlanError, StaticState};
 use crate::robot::Robot;
-use mcdpr_kinematics::GRAVITY_MPS2;
+use mcdpr_kinematics::{CablePath, CableVec, GRAVITY_MPS2};
 use nalgebra::{DMatrix, DVector};
 
 /// Unknown errors of one cable.
@@ -173,6 +174,9 @@ impl Errors {
     }
 }
 
+/// Cables and robot where the lengths were taken.
+pub(super) type AtHome = (CableVec<CablePath>, StaticState);
+
 /// What is known of a machine: the covariance of its errors, in the order of [`Errors`].
 #[derive(Debug, Clone)]
 pub struct Belief {
@@ -210,6 +214,18 @@ impl Belief {
             homed: false,
             source: format!("the calibration of {}", known.date),
         }
+    }
+
+    /// The cables and the robot at home, if the lengths were taken there.
+    pub(super) fn home(&self, model: &Model) -> Result<Option<AtHome>, PlanError> {
+        if !self.homed {
+            return Ok(None);
+        }
+        let rest = model.rest_at_home()?;
+        Ok(Some((
+            model.geometry().paths(&rest.equilibrium.pose)?,
+            rest,
+        )))
     }
 }
 

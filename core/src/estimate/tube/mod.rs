@@ -10,6 +10,7 @@
 //! What is not static is an assumption of its own: a drive follows later than the board expects by a
 //! share of its time constant, and the acceleration of the platform is answered by a swing.
 
+mod at_rest;
 mod belief;
 mod slopes;
 #[cfg(test)]
@@ -67,12 +68,7 @@ impl Tube {
         let errors = Errors {
             cables: model.robot().cables.len(),
         };
-        let home = if belief.homed {
-            let rest = model.rest_at_home()?;
-            Some((model.geometry().paths(&rest.equilibrium.pose)?, rest))
-        } else {
-            None
-        };
+        let home = belief.home(model)?;
         let end_s = plan.timed.duration_s();
         let step_s = (end_s / MOST_POINTS).max(LEAST_STEP_S);
         let mut rubbed = vec![0.0; errors.cables];

@@ -1,9 +1,9 @@
 //! How far the tool moves for each error of the machine, at one time of a plan.
 
-use super::belief::{Errors, PER_CABLE};
+use super::belief::{AtHome, Errors, PER_CABLE};
 use crate::motion::{Model, Plan, PlanError, StaticState};
 use crate::robot::Robot;
-use mcdpr_kinematics::{CablePath, CableVec, GRAVITY_MPS2, Pose};
+use mcdpr_kinematics::{CablePath, GRAVITY_MPS2, Pose};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Half of the time over which speed and acceleration are taken, s.
@@ -20,6 +20,14 @@ pub(super) struct Motion {
 }
 
 impl Motion {
+    /// At rest.
+    pub(super) fn none(cables: usize) -> Self {
+        Self {
+            length_mps: vec![0.0; cables],
+            acceleration_mps2: Vector3::zeros(),
+        }
+    }
+
     pub(super) fn at(plan: &Plan, time_s: f64) -> Result<Self, PlanError> {
         let [before, after] = [time_s - HALF_S, time_s + HALF_S];
         let end_s = plan.timed.duration_s();
@@ -46,7 +54,7 @@ pub(super) struct Instant<'a> {
     pub(super) errors: Errors,
     pub(super) rest: &'a StaticState,
     /// Where the lengths were taken.
-    pub(super) home: Option<&'a (CableVec<CablePath>, StaticState)>,
+    pub(super) home: Option<&'a AtHome>,
     pub(super) home_m: f64,
     /// Dahl's friction of each pulley: 1 hauled in, -1 paid out.
     pub(super) rubbed: &'a [f64],
@@ -56,6 +64,31 @@ pub(super) struct Instant<'a> {
 impl Instant<'_> {
     /// Slopes of the tool (3 x errors), and its covariance by an inexact home, m2.
     pub(super) fn slopes(&self) -> Option<(DMatrix<f64>, Matrix3<f64>)> {
+        let robot = self.model.robot();
+        let arm = self.rest.equilibrium.pose.rotation * robot.tool.tcp_in_platform_m;
+        // The tool per pose.
+        let mut tool = DMatrix::zeros(6, 3);
+        for axis in 0..3 {
+            tool[(axis, axis)] = 1.0;
+            let mut turn = Vector3::zeros();
+            turn[axis] = 1.0;
+            let by_turn = turn.cross(&arm);
+            for k in 0..3 {
+                tool[(3 + axis, k)] = by_turn[k];
+            }
+        }
+        let (slopes, at_home) = self.slopes_of(&tool)?;
+        Some((slopes, Matrix3::from_fn(|i, j| at_home[(i, j)])))
+    }
+
+    /// Slopes of the platform's origin (m) and of its rotation (rad, about the world's axes), 6 x errors, and the
+    /// covariance by an inexact home.
+    pub(super) fn slopes_of_platform(&self) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+        self.slopes_of(&DMatrix::identity(6, 6))
+    }
+
+    /// Slopes (k x errors) of k values, given by their change per shift and turn of the platform (6 x k).
+    fn slopes_of(&self, per_pose: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
         let robot = self.model.robot();
         let geometry = self.model.geometry();
         let count = self.errors.cables;
@@ -105,37 +138,28 @@ impl Instant<'_> {
             balance.pulled(i, 1.0, column.get_mut(count..)?);
             matrix.set_column(6 + i, &DVector::from_vec(column));
         }
-        // The tool per pose, and through the transposed system per residual.
-        let arm = pose.rotation * robot.tool.tcp_in_platform_m;
-        let mut tool = DMatrix::zeros(rows, 3);
-        for axis in 0..3 {
-            tool[(axis, axis)] = 1.0;
-            let mut turn = Vector3::zeros();
-            turn[axis] = 1.0;
-            let by_turn = turn.cross(&arm);
-            for k in 0..3 {
-                tool[(3 + axis, k)] = by_turn[k];
-            }
-        }
-        let adjoint = matrix.transpose().lu().solve(&tool)?;
+        // Per pose, and through the transposed system per residual.
+        let values = per_pose.ncols();
+        let mut wanted = DMatrix::zeros(rows, values);
+        wanted.view_mut((0, 0), (6, values)).copy_from(per_pose);
+        let adjoint = matrix.transpose().lu().solve(&wanted)?;
         if adjoint.iter().any(|value| !value.is_finite()) {
             return None;
         }
-        let mut slopes = DMatrix::zeros(3, self.errors.count());
+        let mut slopes = DMatrix::zeros(values, self.errors.count());
         for k in 0..self.errors.count() {
             let residual = DVector::from_vec(self.residual(k, &balance, by_length)?);
             slopes.set_column(k, &-(adjoint.transpose() * residual));
         }
-        let mut at_home = Matrix3::zeros();
+        let mut at_home = DMatrix::zeros(values, values);
         if let Some((home, _)) = self.home {
             for axis in 0..3 {
                 let mut residual = DVector::zeros(rows);
                 for &i in by_length {
                     residual[i] = -home.get(i)?.direction[axis] * self.home_m;
                 }
-                let by = -(adjoint.transpose() * residual);
-                let by = Vector3::new(by[0], by[1], by[2]);
-                at_home += by * by.transpose();
+                let by = adjoint.transpose() * residual;
+                at_home += &by * by.transpose();
             }
         }
         Some((slopes, at_home))

@@ -120,3 +120,33 @@ fn a_tube_is_narrow_at_home_and_wide_far_from_it_and_grows_with_doubt() {
     });
     assert!(loaded.mean_m > measured.mean_m);
 }
+
+#[test]
+fn the_error_at_rest_is_that_of_the_tube_at_its_end() {
+    // A tool at the platform's origin: the tube is then that of the platform.
+    let mut robot = Robot::built_in("lab-fast").unwrap();
+    robot.tool.home_in_world_m -= robot.tool.tcp_in_platform_m;
+    robot.tool.tcp_in_platform_m = Vector3::zeros();
+    let model = Model::new(&robot).unwrap();
+    let plan = plan(&model);
+    let end_s = plan.timed.duration_s();
+    // What moves only, and friction, whose direction the tube knows: left out.
+    let belief = Belief::of(
+        &robot,
+        &Doubts {
+            loss: 0.0,
+            swing: 0.0,
+            ..Doubts::within(5e-3)
+        },
+    );
+    let tube = Tube::along(&plan, &belief).unwrap().unwrap();
+    let at_rest = belief
+        .platform_at(&model, &plan.state(end_s).unwrap())
+        .unwrap()
+        .unwrap();
+    let position = Matrix3::from_fn(|i, j| at_rest[(i, j)]);
+    let radius_m = radius_95_m(&position, &Matrix3::zeros());
+    let off = radius_m / tube.radius_m(end_s) - 1.0;
+    assert!(off.abs() < 0.01, "{radius_m} {}", tube.radius_m(end_s));
+    assert!(at_rest[(3, 3)] > 0.0, "{at_rest}");
+}

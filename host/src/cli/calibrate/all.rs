@@ -2,6 +2,7 @@
 
 use super::Method;
 use super::collect::{How, data_path};
+use crate::calibration::at_rest::AtRest;
 use crate::calibration::paper::{AnchorTerm, Weights, paper};
 use crate::calibration::{Answer, Data, Options, Refusal, history, joint, result};
 use crate::cli::progress::Phase;
@@ -145,9 +146,12 @@ impl Solve {
         drop(phase);
         drop(alone);
         let answer = refusable(common, solved)?;
+        let mut at_rest = None;
         let kept = match designed {
             Some(robot) => {
                 let document = refusable(common, result::document(&robot, &data, &answer))?;
+                let known = result::applied(&robot, &document);
+                at_rest = known.ok().as_ref().and_then(AtRest::of);
                 let out = self.out.clone();
                 let used = result::path_for(&common.robot);
                 let path = out.unwrap_or_else(|| used.clone());
@@ -169,9 +173,11 @@ impl Solve {
             None => None,
         };
         if common.json {
-            return print_json(&answer.to_json());
+            let mut document = answer.to_json();
+            document["at_rest"] = serde_json::json!(at_rest);
+            return print_json(&document);
         }
-        show(&data, &answer);
+        show(&data, &answer, at_rest.as_ref());
         match kept {
             Some(path) if !common.dry_run => say!("written to {}", path.display()),
             _ => say!("nothing was written"),
@@ -196,10 +202,7 @@ fn refusable<T, E: std::fmt::Display + Into<miette::Report>>(
     }
 }
 
-/// Cables that can hold a platform's attitude.
-const SIX: usize = 6;
-
-fn show(data: &Data, answer: &Answer) {
+fn show(data: &Data, answer: &Answer, at_rest: Option<&AtRest>) {
     show_cables(data, answer);
     show_places(answer);
     if let (Some(chi), Some(freedom)) = (answer.chi_square, answer.degrees_of_freedom) {
@@ -211,16 +214,13 @@ fn show(data: &Data, answer: &Answer) {
     }
     if answer.predicted_error_m.is_finite() {
         say!(
-            "predicted position error {:.2} mm, at the worst pose {:.2} mm",
+            "predicted position error {:.2} mm by the cables' lengths, at the worst pose {:.2} mm",
             answer.predicted_error_m * 1e3,
             answer.worst_predicted_error_m * 1e3
         );
-        if data.robot.cables.len() < SIX {
-            say!(
-                "that is the part of the cables' lengths; how the platform tilts as it hangs comes on top, and `mcdpr plan` \
-                 states both"
-            );
-        }
+    }
+    if let Some(at_rest) = at_rest {
+        say!("{}", at_rest.words());
     }
     for words in &answer.unobservable {
         say!("not observable: {words}");

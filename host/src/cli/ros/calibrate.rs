@@ -1,6 +1,7 @@
 //! A calibration as a goal of ROS 2: collecting, solving, and the file.
 
 use super::Node;
+use crate::calibration::at_rest::AtRest;
 use crate::calibration::collect::{CollectError, Options, Step, collect};
 use crate::calibration::{Answer, Data, Options as Solving, history, joint, result};
 use crate::cli::calibrate::collect::{Keeper, data_path};
@@ -135,9 +136,13 @@ impl Node<'_> {
         let path: PathBuf = result::path_for(&self.common.robot);
         result::write_whole(&path, format!("{document:#}\n"))?;
         history::remember(model.robot(), &path, "calibrated by ROS")?;
+        let known = result::applied(model.robot(), &document);
+        let at_rest = known.ok().as_ref().and_then(AtRest::of);
+        let at_rest = at_rest.map(|at_rest| format!("; {}", at_rest.words()));
         Ok(format!(
-            "predicted position error {:.2} mm; written to {}, which `mcdpr ros` uses when it starts again",
+            "predicted position error {:.2} mm by the cables' lengths{}; written to {}, which `mcdpr ros` uses when it starts again",
             answer.predicted_error_m * 1e3,
+            at_rest.unwrap_or_default(),
             path.display()
         ))
     }

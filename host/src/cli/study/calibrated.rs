@@ -99,6 +99,11 @@ impl Cmd {
                 1f64.to_degrees(),
                 of_machine(&done, |p| p.attitude_rad),
             ),
+            (
+                "expected attitude, the same, degrees",
+                1f64.to_degrees(),
+                of_machine(&done, |p| p.expected_rad),
+            ),
         ];
         let table = rows.map(|(name, scale, values)| {
             let of = |share| format!("{:.3}", quantile(values.clone(), share) * scale);
@@ -109,13 +114,15 @@ impl Cmd {
         let places: Vec<_> = done.iter().flat_map(|of| &of.places).collect();
         let share = |count: usize| 100.0 * count as f64 / places.len().max(1) as f64;
         let inside = places.iter().filter(|place| place.inside).count();
+        let turned = places.iter().filter(|place| place.turned_inside).count();
         let within = |place: &&&Place| place.tool_m <= place.tube_m;
         let within = places.iter().filter(within).count();
         say!(
-            "of {} places, in the calibration's region of 95 %: {inside} ({:.1} %); tool in the plan's tube of 95 %: {within} \
-             ({:.1} %)",
+            "of {} places, in the region of 95 %: position {inside} ({:.1} %), attitude {turned} ({:.1} %); tool in the plan's \
+             tube of 95 %: {within} ({:.1} %)",
             places.len(),
             share(inside),
+            share(turned),
             share(within)
         );
         say!(

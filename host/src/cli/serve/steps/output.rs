@@ -66,9 +66,10 @@ pub(super) fn is_address(line: &str) -> bool {
 }
 
 /// Lines of results that say most, by their beginnings.
-const TELLING: [&str; 12] = [
+const TELLING: [&str; 13] = [
     "verdict:",
     "predicted position error",
+    "expected error of the platform",
     "one more pose",
     "warning:",
     "written",

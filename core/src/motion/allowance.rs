@@ -1,0 +1,49 @@
+//! How far a cable's tension may be from its plan: room between what a plan asks for and the limits at which the board
+//! stops.
+
+use crate::robot::Robot;
+
+/// A tension differs from its plan by up to this share: sensor gain, pulley loss and mass, each known to a percent or
+/// two. Assumption, range 0.01 to 0.05; a calibrated `paper-table5` had 1.2 % too much where it stopped with C2.
+const SHARE: f64 = 0.03;
+/// And by this much, N: a sensor's zero and noise. Assumption, range 0.02 to 0.2.
+const FIXED_N: f64 = 0.05;
+
+/// Greatest expected difference of a tension from its plan, N.
+pub(super) fn difference_n(tension_n: f64) -> f64 {
+    SHARE * tension_n.abs() + FIXED_N
+}
+
+/// Least and greatest tension of a cable at which the board does not stop, N: the robot's limits (C1, C2), and what the
+/// winch's sensor can be trusted to show.
+pub(super) fn limits_n(robot: &Robot, cable: usize) -> [f64; 2] {
+    let limits = &robot.limits;
+    let sensor_n = robot
+        .winch_of(cable)
+        .map_or(f64::INFINITY, |winch| winch.trusted_tension_n());
+    [limits.tension_min_n, limits.tension_max_n.min(sensor_n)]
+}
+
+/// Least and greatest tension that a plan may ask of a cable, N: the expected difference inside [`limits_n`].
+pub(super) fn planned_n(robot: &Robot, cable: usize) -> [f64; 2] {
+    let [low, high] = limits_n(robot, cable);
+    [
+        (low + FIXED_N) / (1.0 - SHARE),
+        (high - FIXED_N) / (1.0 + SHARE),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_planned_tension_and_its_difference_stay_within_the_limits() {
+        let robot = Robot::built_in("paper-table5").unwrap();
+        let [low, high] = limits_n(&robot, 0);
+        let [least, greatest] = planned_n(&robot, 0);
+        assert!((least - difference_n(least) - low).abs() < 1e-12);
+        assert!((greatest + difference_n(greatest) - high).abs() < 1e-12);
+        assert!(low < least && greatest < high, "{least} {greatest}");
+    }
+}
