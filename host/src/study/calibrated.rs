@@ -29,6 +29,11 @@ const CANDIDATES: usize = 100;
 const TRIES: usize = 400;
 /// Time at rest before it is judged, s.
 const REST_S: f64 = 1.0;
+/// The simulated platform swings for minutes after a motion, about where it hangs: it is judged by its mean over a
+/// dozen swings of 0.65 s.
+const WATCH_S: f64 = 8.0;
+/// Interval at which it is looked at, s.
+const LOOK_S: f64 = 0.02;
 /// Speed between the places, m/s.
 const SPEED_MPS: f64 = 0.15;
 /// Square of the radius that holds 95 % of three normal coordinates (chi-square, 3 degrees of freedom).
@@ -101,10 +106,14 @@ pub(crate) fn known(
 /// One place.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Place {
-    /// Distance of the platform from where it should be, m.
+    /// Mean distance of the platform from where it should be, its swing averaged out, m.
     pub position_m: f64,
-    /// Angle to the attitude that it should have, rad.
+    /// Mean angle to the attitude that it should have, its swing averaged out, rad.
     pub attitude_rad: f64,
+    /// Swing of the platform's position about its mean, root mean square, m.
+    pub swing_m: f64,
+    /// Swing of its attitude, root mean square, rad.
+    pub swing_rad: f64,
     /// Distance that is expected there, root mean square, m.
     pub expected_m: f64,
     /// Angle that is expected there, root mean square, rad.
@@ -113,7 +122,7 @@ pub struct Place {
     pub inside: bool,
     /// Whether its attitude is in the region of 95 %.
     pub turned_inside: bool,
-    /// Distance of the tool from where it should be, m.
+    /// Mean distance of the tool from where it should be, m.
     pub tool_m: f64,
     /// Radius of the plan's tube of 95 % there, m.
     pub tube_m: f64,
@@ -121,10 +130,10 @@ pub struct Place {
 
 /// What was seen at a place.
 struct Visit {
-    wanted: Pose,
-    truth: Pose,
-    tool_wanted_m: Vector3<f64>,
-    tool_true_m: Vector3<f64>,
+    /// Shift (m) and rotation (rad) of the platform from where it should be, at every look.
+    off: Vec<(Vector3<f64>, Vector3<f64>)>,
+    /// Mean shift of the tool, m.
+    tool_off_m: Vector3<f64>,
     tube_m: f64,
     /// Covariance of the platform's position (m) and rotation (rad).
     expected: Matrix6<f64>,
@@ -173,29 +182,37 @@ fn work(
     judged.poses = data.poses.len();
     let known = known(robot, machine, seed, &data);
     let known = known.map_err(|error| format!("calibrating: {error}"))?;
-    let known_from_true = known.known_from_true.ok_or("no tag was found")?;
+    let known_from_true = known.known_from_true.as_ref().ok_or("no tag was found")?;
     judged.calibrated = true;
     let mut visited = Vec::new();
-    let ended = visit(&known, machine, places, seed, &mut visited);
+    let ended = visit(&known, known_from_true, machine, places, seed, &mut visited);
     for visit in &visited {
-        let seen = known_from_true.compose(&visit.truth);
-        let tool_m = known_from_true.transform(&visit.tool_true_m);
-        let off_m: Vector3<f64> = seen.position_m - visit.wanted.position_m;
-        let turned: Rotation3<f64> = seen.rotation * visit.wanted.rotation.inverse();
         let part = |at: usize| Matrix3::from_fn(|i, j| visit.expected[(at + i, at + j)]);
         let (position_m2, rotation_rad2) = (part(0), part(3));
+        let (off_m, swing_m) = mean(visit.off.iter().map(|off| off.0));
+        let (turned_rad, swing_rad) = mean(visit.off.iter().map(|off| off.1));
         judged.places.push(Place {
             position_m: off_m.norm(),
-            attitude_rad: turned.angle(),
+            attitude_rad: turned_rad.norm(),
+            swing_m,
+            swing_rad,
             expected_m: position_m2.trace().sqrt(),
             expected_rad: rotation_rad2.trace().sqrt(),
             inside: within(&position_m2, &off_m),
-            turned_inside: within(&rotation_rad2, &turned.scaled_axis()),
-            tool_m: (tool_m - visit.tool_wanted_m).norm(),
+            turned_inside: within(&rotation_rad2, &turned_rad),
+            tool_m: visit.tool_off_m.norm(),
             tube_m: visit.tube_m,
         });
     }
     ended.map_err(|error| format!("on the way to place {}: {error}", visited.len() + 1))
+}
+
+/// Mean of some vectors, and the root mean square of their distances from it.
+fn mean(of: impl Iterator<Item = Vector3<f64>> + Clone) -> (Vector3<f64>, f64) {
+    let count = of.clone().count().max(1) as f64;
+    let mean = of.clone().sum::<Vector3<f64>>() / count;
+    let square = of.map(|one| (one - mean).norm_squared()).sum::<f64>() / count;
+    (mean, square.sqrt())
 }
 
 /// Whether an error lies in the region of 95 % of a covariance.
@@ -207,6 +224,7 @@ fn within(covariance: &Matrix3<f64>, off: &Vector3<f64>) -> bool {
 /// Drives to random places; those that were reached are in `visited`, also where it fails on the way.
 fn visit(
     known: &Known,
+    known_from_true: &Pose,
     machine: &SimulatedRobot,
     places: usize,
     seed: u64,
@@ -243,12 +261,7 @@ fn visit(
             continue;
         };
         session.follow(&plan, &mut Recorder::default(), |_| {})?;
-        rest(&mut session, REST_S)?;
-        let truth = link.with(|simulation| simulation.plant().truth());
-        let failed = crate::link::plant_failed;
-        let truth = truth.map_err(|error| RunError::Client(failed(error).into()))?;
         let end_s = plan.timed.duration_s();
-        let tube = Tube::along(&plan, &belief).map_err(RunError::Plan)?;
         let Some(wanted) = plan.state(end_s) else {
             continue;
         };
@@ -256,11 +269,26 @@ fn visit(
         let Some(expected) = expected.map_err(RunError::Plan)? else {
             continue;
         };
+        let tool_wanted_m = plan.timed.tool_m(end_s)?;
+        let pose = wanted.equilibrium.pose;
+        rest(&mut session, REST_S)?;
+        let looks = (WATCH_S / LOOK_S) as usize;
+        let mut off = Vec::with_capacity(looks);
+        let mut tools_m = Vec::with_capacity(looks);
+        for _ in 0..looks {
+            rest(&mut session, LOOK_S)?;
+            let truth = link.with(|simulation| simulation.plant().truth());
+            let failed = crate::link::plant_failed;
+            let truth = truth.map_err(|error| RunError::Client(failed(error).into()))?;
+            let seen = known_from_true.compose(&true_pose(&truth));
+            let turned: Rotation3<f64> = seen.rotation * pose.rotation.inverse();
+            off.push((seen.position_m - pose.position_m, turned.scaled_axis()));
+            tools_m.push(known_from_true.transform(&truth.tool_position_m.into()) - tool_wanted_m);
+        }
+        let tube = Tube::along(&plan, &belief).map_err(RunError::Plan)?;
         visited.push(Visit {
-            wanted: wanted.equilibrium.pose,
-            truth: true_pose(&truth),
-            tool_wanted_m: plan.timed.tool_m(end_s)?,
-            tool_true_m: truth.tool_position_m.into(),
+            off,
+            tool_off_m: mean(tools_m.iter().copied()).0,
             tube_m: tube.map_or(0.0, |tube| tube.radius_m(end_s)),
             expected,
         });

@@ -104,6 +104,16 @@ impl Cmd {
                 1f64.to_degrees(),
                 of_machine(&done, |p| p.expected_rad),
             ),
+            (
+                "swing of the position, the same, mm",
+                1e3,
+                of_machine(&done, |p| p.swing_m),
+            ),
+            (
+                "swing of the attitude, the same, degrees",
+                1f64.to_degrees(),
+                of_machine(&done, |p| p.swing_rad),
+            ),
         ];
         let table = rows.map(|(name, scale, values)| {
             let of = |share| format!("{:.3}", quantile(values.clone(), share) * scale);
