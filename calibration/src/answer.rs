@@ -128,6 +128,15 @@ pub struct Rank {
     pub unknowns: usize,
 }
 
+/// What the equations of equilibrium leave unexplained at a pose, new at every pose: standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unexplained {
+    /// Force, level and vertical, N.
+    pub force_n: [f64; 2],
+    /// Moment, about level axes and about the vertical, N m.
+    pub moment_nm: [f64; 2],
+}
+
 /// A calibration.
 #[derive(Debug, Clone)]
 pub struct Answer {
@@ -165,6 +174,9 @@ pub struct Answer {
     pub rejected_stretch: Option<String>,
     /// Relative scatter of tensions found beyond the sensor's.
     pub tension_scatter_relative: Option<f64>,
+    /// Force (level, vertical, N) and moment (about level axes, about the vertical, N m) that statics leave unexplained at
+    /// a pose, standard deviations.
+    pub unexplained: Option<Unexplained>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
     /// Predicted root mean square position error over the held-out (or else the measured) poses, m.
@@ -236,6 +248,7 @@ impl Answer {
             rejected: Vec::new(),
             rejected_stretch: None,
             tension_scatter_relative: None,
+            unexplained: None,
             warnings: Vec::new(),
             predicted_error_m: f64::NAN,
             worst_predicted_error_m: f64::NAN,
@@ -361,6 +374,10 @@ impl Answer {
                     "tension_scatter_relative",
                     json!(self.tension_scatter_relative),
                 );
+                if let Some(unexplained) = &self.unexplained {
+                    set("unexplained_force_N", json!(unexplained.force_n));
+                    set("unexplained_moment_Nm", json!(unexplained.moment_nm));
+                }
             }
         }
         out

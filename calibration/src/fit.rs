@@ -1,6 +1,6 @@
 //! One weighted problem over all unknowns that affect the measurements, solved and judged.
 
-use super::answer::{Answer, RejectedRow, Solved};
+use super::answer::{Answer, RejectedRow, Solved, Unexplained};
 use super::causes;
 use super::check::{Usable, usable};
 use super::data::Data;
@@ -267,6 +267,10 @@ fn answer(
     out.unobservable = seen.harmless.clone();
     out.rejected = rejected;
     out.rejected_stretch = stretch(data, usable, minimum);
+    out.unexplained = layout.statics.then_some(Unexplained {
+        force_n: minimum.force_n,
+        moment_nm: minimum.moment_nm,
+    });
     out.tension_scatter_relative = Some(minimum.tension_relative).filter(|_| layout.statics);
     out.warnings = warnings;
     out.iterations = minimum.iterations;

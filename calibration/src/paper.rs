@@ -133,6 +133,7 @@ fn answer(
         rejected_stretch: None,
         rejected: Vec::new(),
         tension_scatter_relative: None,
+        unexplained: None,
         warnings,
         predicted_error_m: f64::NAN,
         worst_predicted_error_m: f64::NAN,

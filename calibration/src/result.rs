@@ -3,7 +3,7 @@
 //! It holds the answer with its covariance, the date, the hash of the data, and the hash of the
 //! description that it belongs to; the nominal values stay in the robot file.
 
-use super::answer::Answer;
+use super::answer::{Answer, Unexplained};
 use super::data::Data;
 use super::unknowns::Layout;
 use mcdpr_core::estimate::tube::Errors;
@@ -228,7 +228,13 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         errors: None,
         file: path.to_owned(),
     }));
-    let errors = open_errors(&robot);
+    let unexplained = optional(&answer["unexplained_force_N"], |force_n| {
+        Ok(Unexplained {
+            force_n: pair(force_n, "unexplained_force_N")?,
+            moment_nm: pair(&answer["unexplained_moment_Nm"], "unexplained_moment_Nm")?,
+        })
+    })?;
+    let errors = open_errors(&robot, unexplained.as_ref());
     if let Some(calibrated) = robot.calibrated.as_mut() {
         calibrated.errors = errors;
     }
@@ -236,8 +242,8 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
 }
 
 /// What a calibration left open, for the tube of a plan: its covariance, in the frame of the first body
-/// of tags, which a camera can compare with.
-fn open_errors(robot: &Robot) -> Option<DMatrix<f64>> {
+/// of tags, which a camera can compare with, and the forces that no statics explained.
+fn open_errors(robot: &Robot, unexplained: Option<&Unexplained>) -> Option<DMatrix<f64>> {
     let layout = Layout::of(robot)?;
     let calibrated = robot.calibrated.as_deref()?;
     let covariance = calibrated.covariance.as_ref()?;
@@ -281,7 +287,16 @@ fn open_errors(robot: &Robot) -> Option<DMatrix<f64>> {
             map[(errors.force() + axis, layout.body(0) + 3 + turn)] = turned[(axis, turn)];
         }
     }
-    Some(&map * covariance * map.transpose())
+    let mut open = &map * covariance * map.transpose();
+    if let Some(unexplained) = unexplained {
+        for axis in 0..3 {
+            let direction = usize::from(axis == 2);
+            let (force, moment) = (errors.force() + axis, errors.moment() + axis);
+            open[(force, force)] += unexplained.force_n[direction].powi(2);
+            open[(moment, moment)] += unexplained.moment_nm[direction].powi(2);
+        }
+    }
+    Some(open)
 }
 
 /// Iterations between position and tensions at home.
@@ -322,6 +337,10 @@ fn optional<T>(
 fn numbers(value: &Value, name: &str) -> Result<Vec<f64>, String> {
     let all: Option<Vec<f64>> = list(value, name)?.iter().map(Value::as_f64).collect();
     all.ok_or_else(|| format!("{name} must hold numbers"))
+}
+
+fn pair(value: &Value, name: &str) -> Result<[f64; 2], String> {
+    <[f64; 2]>::try_from(numbers(value, name)?).map_err(|_| format!("{name} must have two entries"))
 }
 
 fn square(value: &Value, name: &str) -> Result<DMatrix<f64>, String> {

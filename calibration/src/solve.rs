@@ -34,6 +34,10 @@ pub struct Minimum {
     pub sources: Vec<Vec<Source>>,
     /// Relative scatter of the tensions beyond the sensor's.
     pub tension_relative: f64,
+    /// Force that the equations of equilibrium leave unexplained, level and vertical, N.
+    pub force_n: [f64; 2],
+    /// Moment, about level axes and about the vertical, N m.
+    pub moment_nm: [f64; 2],
     /// The priors, as wide as the data want them.
     pub priors: Priors,
     /// Steps taken.
@@ -344,6 +348,8 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
                 leverage: rows.leverage,
                 sources: rows.sources,
                 tension_relative: model.scatter.tension_relative,
+                force_n: model.scatter.force_n,
+                moment_nm: model.scatter.moment_nm,
                 priors: *priors,
                 iterations,
             });

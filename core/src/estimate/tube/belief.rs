@@ -163,7 +163,9 @@ impl Errors {
     pub const fn force(self) -> usize {
         self.shared() + 6
     }
-    pub(super) const fn moment(self) -> usize {
+    /// First of three: a moment, world's axes, N m.
+    #[must_use]
+    pub const fn moment(self) -> usize {
         self.shared() + 9
     }
     pub(super) const fn all_late(self) -> usize {
