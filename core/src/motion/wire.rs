@@ -299,6 +299,20 @@ mod tests {
     }
 
     #[test]
+    fn the_closure_limit_grows_where_a_tension_moves_the_platform_far() {
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let limit_um = |x: f64, y: f64, z: f64| {
+            let rest = model.rest(&Vector3::new(x, y, z), None).unwrap();
+            closure_row(&model, &rest).unwrap().limit.0
+        };
+        let home = model.robot().tool.home_in_world_m;
+        let at_home = limit_um(home.x, home.y, home.z);
+        let at_the_edge = limit_um(0.55, -0.26, -0.16);
+        assert!((4000..4300).contains(&at_home), "{at_home}");
+        assert!((5000..40_000).contains(&at_the_edge), "{at_the_edge}");
+    }
+
+    #[test]
     fn k3_a_length_that_is_off_by_a_millimetre_breaks_the_acceleration_or_the_jerk() {
         for robot in ["paper-optimistic", "lab-fast"] {
             let model = Model::new(&Robot::built_in(robot).unwrap()).unwrap();
