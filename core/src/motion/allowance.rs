@@ -33,9 +33,32 @@ pub(super) fn planned_n(robot: &Robot, cable: usize) -> [f64; 2] {
     ]
 }
 
+/// The same for a motion that begins with the cable at a tension (N). Where that is nearer to a limit already, it must
+/// not come nearer still, and the robot can leave.
+pub(super) fn planned_from_n(robot: &Robot, cable: usize, from_n: Option<f64>) -> [f64; 2] {
+    let [low, high] = planned_n(robot, cable);
+    let [least, most] = limits_n(robot, cable);
+    let from_n = from_n.unwrap_or(low).max(least).min(most);
+    [low.min(from_n), high.max(from_n)]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_motion_may_begin_near_a_limit_but_not_beyond_it() {
+        let robot = Robot::built_in("paper-table5").unwrap();
+        let [low, high] = planned_n(&robot, 0);
+        let [least, most] = limits_n(&robot, 0);
+        let from = |from_n| planned_from_n(&robot, 0, Some(from_n));
+        assert_eq!(from(10.0), [low, high]);
+        let near = 0.5 * (high + most);
+        assert_eq!(from(near), [low, near]);
+        assert_eq!(from(most + 5.0), [low, most]);
+        assert_eq!(from(0.0), [least, high]);
+        assert_eq!(planned_from_n(&robot, 0, None), [low, high]);
+    }
 
     #[test]
     fn a_planned_tension_and_its_difference_stay_within_the_limits() {

@@ -60,7 +60,8 @@ pub struct Extremes {
     pub broken: Option<String>,
 }
 
-/// Judges one resting place of the tool (world, m) against every limit that needs no speed.
+/// Judges one resting place of the tool (world, m) against every limit that needs no speed. From where the robot rests
+/// now, if that is given, no tension may come nearer to a limit that is near already.
 ///
 /// # Errors
 /// [`PlanError::Limit`].
@@ -68,8 +69,10 @@ pub fn judge_place(
     model: &Model,
     tool_m: &Vector3<f64>,
     rest: &StaticState,
+    now: Option<&StaticState>,
 ) -> Result<(), PlanError> {
-    match judge_state(model, tool_m, rest, &Watch::default()) {
+    let from_n = now.map_or(&[][..], StaticState::tensions_n);
+    match judge_state(model, tool_m, rest, from_n, &Watch::default()) {
         None => Ok(()),
         Some((what, value, limit, unit)) => Err(PlanError::Limit {
             time_s: 0.0,
@@ -122,6 +125,7 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
     let mut before: Option<(f64, StaticState, Vec<f64>)> = None;
     let end_s = timed.duration_s();
     let mut last = false;
+    let mut from_n = Vec::new();
     // Counted, not summed: 0.01 s added 100 000 times would drift from the end.
     for index in 0_u32.. {
         let time_s = (f64::from(index) * CHECK_STEP_S).min(end_s);
@@ -131,7 +135,10 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
         let speeds = before
             .as_ref()
             .map(|(_, old, _)| speeds(old, &rest, step_s));
-        let mut broken = judge_state(model, &tool_m, &rest, watch)
+        if index == 0 {
+            from_n = rest.tensions_n().to_vec();
+        }
+        let mut broken = judge_state(model, &tool_m, &rest, &from_n, watch)
             .or_else(|| speeds.as_ref().and_then(|v| judge_speed(model, v)));
         seen.take(model, &rest, timed.speed_mps(time_s));
         let at = Moment { time_s, tool_m };
@@ -283,6 +290,7 @@ fn judge_state(
     model: &Model,
     tool_m: &Vector3<f64>,
     rest: &StaticState,
+    from_n: &[f64],
     watch: &Watch,
 ) -> Option<Broken> {
     let robot = model.robot();
@@ -322,7 +330,7 @@ fn judge_state(
             continue;
         };
         let number = index + 1;
-        let [low, high] = allowance::planned_n(robot, index);
+        let [low, high] = allowance::planned_from_n(robot, index, from_n.get(index).copied());
         if tension > high || tension < low {
             let [stops_low, stops_high] = allowance::limits_n(robot, index);
             let (limit, stops) = if tension > high {

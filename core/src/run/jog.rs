@@ -128,7 +128,7 @@ impl<'m> Ahead<'m> {
 
     fn place(&self, at_m: &Vector3<f64>) -> Result<StaticState, PlanError> {
         let rest = self.model.rest(at_m, Some(&self.rest))?;
-        judge_place(self.model, at_m, &rest)?;
+        judge_place(self.model, at_m, &rest, Some(&self.rest))?;
         Ok(rest)
     }
 

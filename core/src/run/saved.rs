@@ -14,7 +14,7 @@ use thiserror::Error;
 /// A tension may have changed by this, N, or by a fifth: as arming allows.
 const TENSION_BAND_N: f64 = 2.0;
 /// Greatest residual of a resting pose at which lengths are plausible, m.
-/// The same as the board's limit in motion (S5).
+/// As the board's limit in motion (S5) has it besides inexact tensions.
 const CLOSURE_M: f64 = 0.004;
 
 /// The saved values.

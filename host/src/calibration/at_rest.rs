@@ -50,7 +50,7 @@ impl AtRest {
             let Ok(rest) = model.rest(&tool_m, near.as_ref()) else {
                 continue;
             };
-            if judge_place(&model, &tool_m, &rest).is_ok()
+            if judge_place(&model, &tool_m, &rest, None).is_ok()
                 && let Ok(Some(covariance)) = belief.platform_at(&model, &rest)
             {
                 squares.push(traces(&covariance));

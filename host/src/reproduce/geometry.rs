@@ -97,7 +97,7 @@ pub(super) fn at_24_mm(_bench: &Bench) -> Result<Outcome, ReproduceError> {
     let platform = on_circle(0.0)?;
     let tool_m = platform + model.robot().tool.tcp_in_platform_m;
     let verdict = match model.rest(&tool_m, None) {
-        Ok(rest) => match judge_place(&model, &tool_m, &rest) {
+        Ok(rest) => match judge_place(&model, &tool_m, &rest, None) {
             Ok(()) => "It would be within every limit.".to_owned(),
             Err(error) => format!("With physics it is refused: {error}."),
         },

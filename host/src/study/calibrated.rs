@@ -11,7 +11,7 @@ use crate::calibration::collect::Options as Collecting;
 use crate::control::Handle;
 use crate::experiment::{self, SimulatedRobot, over_board};
 use crate::machine::Mismatch;
-use crate::motion::{Model, Task};
+use crate::motion::{Model, PlanOptions, Shaping, Task};
 use crate::report::true_pose;
 use crate::robot::Robot;
 use crate::run::{Homing, NoStore, Recorder, RunError, Session};
@@ -154,9 +154,20 @@ pub struct Judged {
     pub stopped: Option<String>,
 }
 
-/// Calibrates one machine with these errors by this many poses, and drives it to this many places.
+/// What is done with each machine.
+#[derive(Debug, Clone, Copy)]
+pub struct Work {
+    /// Poses that calibrate it.
+    pub poses: usize,
+    /// Places that it drives to.
+    pub places: usize,
+    /// How these motions are shaped.
+    pub shaping: Shaping,
+}
+
+/// Calibrates one machine with these errors, and drives it to random places.
 #[must_use]
-pub fn judge(robot: &Robot, mismatch: Mismatch, poses: usize, places: usize, seed: u64) -> Judged {
+pub fn judge(robot: &Robot, mismatch: Mismatch, work: &Work, seed: u64) -> Judged {
     let mut judged = Judged {
         seed,
         poses: 0,
@@ -165,19 +176,18 @@ pub fn judge(robot: &Robot, mismatch: Mismatch, poses: usize, places: usize, see
         stopped: None,
     };
     let machine = SimulatedRobot::new(mismatch, seed).machine(robot);
-    judged.stopped = work(robot, &machine, poses, places, &mut judged).err();
+    judged.stopped = done(robot, &machine, work, &mut judged).err();
     judged
 }
 
-fn work(
+fn done(
     robot: &Robot,
     machine: &SimulatedRobot,
-    poses: usize,
-    places: usize,
+    work: &Work,
     judged: &mut Judged,
 ) -> Result<(), String> {
     let seed = judged.seed;
-    let data = collected(robot, machine, poses, seed);
+    let data = collected(robot, machine, work.poses, seed);
     let data = data.map_err(|error| format!("collecting: {error}"))?;
     judged.poses = data.poses.len();
     let known = known(robot, machine, seed, &data);
@@ -185,7 +195,7 @@ fn work(
     let known_from_true = known.known_from_true.as_ref().ok_or("no tag was found")?;
     judged.calibrated = true;
     let mut visited = Vec::new();
-    let ended = visit(&known, known_from_true, machine, places, seed, &mut visited);
+    let ended = visit(&known, known_from_true, machine, work, seed, &mut visited);
     for visit in &visited {
         let part = |at: usize| Matrix3::from_fn(|i, j| visit.expected[(at + i, at + j)]);
         let (position_m2, rotation_rad2) = (part(0), part(3));
@@ -226,11 +236,16 @@ fn visit(
     known: &Known,
     known_from_true: &Pose,
     machine: &SimulatedRobot,
-    places: usize,
+    work: &Work,
     seed: u64,
     visited: &mut Vec<Visit>,
 ) -> Result<(), RunError> {
+    let options = PlanOptions {
+        shaping: work.shaping,
+        ..PlanOptions::default()
+    };
     let model = Model::new(&known.robot).map_err(RunError::Plan)?;
+    let model = model.with_options(options);
     let link = machine.at_home(&model)?;
     let mut lengths_m = true_lengths_m(&link, known.robot.cables.len())?;
     for (length_m, off_m) in lengths_m.iter_mut().zip(&known.lengths_off_m) {
@@ -252,7 +267,7 @@ fn visit(
     let mut random = Random::new(seed ^ PLACES);
     let belief = Belief::of(&known.robot, &Doubts::within(ANCHORS_M));
     for _ in 0..TRIES {
-        if visited.len() == places {
+        if visited.len() == work.places {
             break;
         }
         let to_m = Vector3::from_fn(|axis, _| random.between(low[axis], high[axis]));

@@ -63,7 +63,7 @@ pub(super) fn judge(robot: &Robot) -> miette::Result<Physics> {
             return Ok(out);
         }
         Ok(rest) => {
-            if let Err(error) = judge_place(&model, &home_m, &rest) {
+            if let Err(error) = judge_place(&model, &home_m, &rest, None) {
                 out.problems.push(format!("home: {error}"));
             }
             let tensions = rest.tensions_n();
@@ -138,7 +138,7 @@ fn space(model: &Model, out: &mut Physics) {
                 let tool_m = low + (high - low).component_mul(&share);
                 all += 1;
                 if let Ok(rest) = model.rest(&tool_m, near.as_ref()) {
-                    fine += u32::from(judge_place(model, &tool_m, &rest).is_ok());
+                    fine += u32::from(judge_place(model, &tool_m, &rest, None).is_ok());
                     near = Some(rest);
                 }
             }

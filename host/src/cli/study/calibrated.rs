@@ -4,9 +4,9 @@ use crate::cli::progress::Count;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::machine::Mismatch;
-use crate::motion::Model;
+use crate::motion::{Model, Shaping};
 use crate::run::{RunError, interrupted, watch_for_interrupts};
-use crate::study::calibrated::{Judged, Place, judge};
+use crate::study::calibrated::{Judged, Place, Work, judge};
 use crate::study::quantile;
 use rayon::prelude::*;
 
@@ -25,6 +25,10 @@ pub(crate) struct Cmd {
     /// Places per machine
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=200))]
     places: u16,
+
+    /// Shape the motions between the places against swing
+    #[arg(long, value_enum, default_value_t = Shaping::None)]
+    shaping: Shaping,
 }
 
 impl Cmd {
@@ -34,6 +38,11 @@ impl Cmd {
         let kind = common.machine.as_deref().unwrap_or("as-built");
         let mismatch = Mismatch::named(kind).unwrap_or(Mismatch::as_built());
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let work = Work {
+            poses: self.poses.into(),
+            places: self.places.into(),
+            shaping: self.shaping,
+        };
         let count = Count::begin("machines", self.seeds);
         let seeds = common.seed..common.seed.saturating_add(self.seeds);
         let last = seeds.end.saturating_sub(1);
@@ -41,13 +50,7 @@ impl Cmd {
             .into_par_iter()
             .filter(|_| !interrupted())
             .map(|seed| {
-                let judged = judge(
-                    &robot,
-                    mismatch,
-                    self.poses.into(),
-                    self.places.into(),
-                    seed,
-                );
+                let judged = judge(&robot, mismatch, &work, seed);
                 count.one_more();
                 judged
             })
@@ -69,6 +72,7 @@ impl Cmd {
                 "seeds": format!("{} to {last}", common.seed),
                 "machine": kind,
                 "poses": self.poses,
+                "shaping": self.shaping,
                 "machines": all,
             }));
         }

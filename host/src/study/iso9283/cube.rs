@@ -168,7 +168,7 @@ impl Cube {
             let tool_m = self.middle_m + at * (self.side_m / 2.0);
             model
                 .rest(&tool_m, None)
-                .is_ok_and(|rest| judge_place(model, &tool_m, &rest).is_ok())
+                .is_ok_and(|rest| judge_place(model, &tool_m, &rest, None).is_ok())
         })
     }
 }
