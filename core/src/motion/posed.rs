@@ -123,7 +123,8 @@ impl Model {
         let (mut min, mut max, mut wish) = (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
         let slots = min.iter_mut().zip(&mut max).zip(&mut wish);
         for (index, (((low, high), wish), cable)) in slots.zip(&robot.cables).enumerate() {
-            [*low, *high] = allowance::planned_n(robot, index);
+            // Those of the board: the barrier itself keeps away from them.
+            [*low, *high] = allowance::limits_n(robot, index);
             if cable.control == Control::Tension {
                 *low = low.max(robot.tension.floor_n);
                 *high = high.min(robot.tension.ceiling_n);
