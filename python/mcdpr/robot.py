@@ -181,6 +181,16 @@ class Robot:
         """Whether a calibration is applied."""
         return self._native.is_calibrated
 
+    def at_rest(self) -> dict[str, float] | None:
+        """Expected error of the platform at rest over the robot's space, its tilt included, as ``mcdpr calibrate all``
+        states it.
+
+        ``position_m`` and ``attitude_rad`` are root mean squares over ``places``, ``worst_position_m`` and
+        ``worst_attitude_rad`` those of one place. By the applied calibration, else by the tolerances of a frame as
+        built. ``None`` where the robot cannot rest.
+        """
+        return self._native.at_rest()
+
     @property
     def content_hash(self) -> int:
         """CRC-32 of the description: equal for files that describe the same robot."""

@@ -6,6 +6,7 @@ use crate::failure::{Failure, to_python};
 use crate::poses::{self, Poses, table_of};
 use crate::rows::{Answers, Table, array, fill};
 use crate::workspace::{self, Asked, Verdicts};
+use mcdpr::calibration::at_rest::AtRest;
 use mcdpr::calibration::result;
 use mcdpr::compute::{ComputeError, Free, Subject};
 use mcdpr::model_file::{self, Format, Winches};
@@ -136,6 +137,11 @@ impl Robot {
     #[getter]
     fn is_calibrated(&self) -> bool {
         self.subject.robot.calibrated.is_some()
+    }
+
+    /// Expected error of the platform at rest; `None` where the robot cannot rest.
+    fn at_rest<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, &serde_json::json!(AtRest::of(&self.subject.robot)))
     }
 
     #[getter]

@@ -83,7 +83,9 @@ def test_a_calibration_is_the_program_s(measured: Path) -> None:
     data = next(f for f in measured.glob("*.json") if "data" in f.name)
     said = json.loads((measured / "said.json").read_text())
     found = mcdpr.calibrate(data)
+    at_rest = said.pop("at_rest")
     assert found.document == said
+    assert 1e-4 < at_rest["position_m"] < at_rest["worst_position_m"] < 0.01
     assert (found.anchors_m * 1e3).round(9).tolist() == np.round(said["anchors_mm"], 9).tolist()
     covariance = found.covariance
     assert covariance is not None and covariance.shape == (len(found.unknowns),) * 2
@@ -95,6 +97,8 @@ def test_a_calibration_is_the_program_s(measured: Path) -> None:
     by_file = robot.calibrated(measured / "again.calibration.json")
     by_answer = robot.calibrated(found)
     assert by_file.is_calibrated and by_file.values == by_answer.values
+    again = by_answer.at_rest()
+    assert again == pytest.approx(at_rest)
     assert by_answer.values["cables"][0]["anchor_in_world_m"] != robot.values["cables"][0][
         "anchor_in_world_m"
     ]
