@@ -10,9 +10,6 @@ use serde_json::{Value, json};
 /// Points of a plan that are drawn.
 const DRAWN: usize = 600;
 
-/// Half width within which a robot file's anchors are known where no calibration is applied, m.
-const BY_TAPE_M: f64 = 5e-3;
-
 /// The message that shows viewers what a task would do from where the robot hangs: its path, its duration
 /// and every limit's margin, or the reason why it cannot be run. `id` is the plan's number.
 #[must_use]
@@ -41,7 +38,7 @@ fn planned(model: &Model, feed: &Feed, task: &Task) -> Result<Value, String> {
     let plan = preview(model, task.clone(), &start_m, attitude).map_err(|e| failed(&e))?;
     let seen = plan.extremes(&Watch::default()).map_err(|e| failed(&e))?;
     let duration_s = seen.duration_s;
-    let belief = Belief::of(model.robot(), &Doubts::within(BY_TAPE_M));
+    let belief = Belief::of(model.robot(), &Doubts::by_tape());
     let tube = Tube::along(&plan, &belief).map_err(|e| failed(&e))?;
     let times = (0..=DRAWN).map(|index| duration_s * index as f64 / DRAWN as f64);
     let points = times.filter_map(|time_s| plan.timed.tool_m(time_s).ok());

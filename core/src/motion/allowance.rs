@@ -45,6 +45,9 @@ pub(super) fn planned_from_n(robot: &Robot, cable: usize, from_n: Option<f64>) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::path::Path;
+    use crate::motion::{Model, Plan, StaticState, Step, judge_place};
+    use nalgebra::Vector3;
 
     #[test]
     fn a_motion_may_begin_near_a_limit_but_not_beyond_it() {
@@ -58,6 +61,38 @@ mod tests {
         assert_eq!(from(most + 5.0), [low, most]);
         assert_eq!(from(0.0), [least, high]);
         assert_eq!(planned_from_n(&robot, 0, None), [low, high]);
+    }
+
+    /// A plan into the room below a limit is refused, and one out of it is not: by verdict and by place.
+    #[test]
+    fn the_verdict_keeps_the_room_and_lets_a_robot_leave_it() {
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let home_m = model.robot().tool.home_in_world_m;
+        let [_, high] = planned_n(model.robot(), 0);
+        let [_, most] = limits_n(model.robot(), 0);
+        let greatest_n = |rest: &StaticState| rest.tensions_n().iter().copied().fold(0.0, f64::max);
+        // Higher up cables become flat, and tensions rise.
+        let (near_m, near) = (0..400)
+            .map(|step| home_m + Vector3::new(0.0, 0.0, f64::from(step) * 1e-3))
+            .filter_map(|at_m| Some((at_m, model.rest(&at_m, None).ok()?)))
+            .find(|(_, rest)| greatest_n(rest) > high)
+            .unwrap();
+        assert!(greatest_n(&near) < most, "{:?}", near.tensions_n());
+        let go = |from_m: Vector3<f64>, to_m: Vector3<f64>| {
+            let step = Step::Move {
+                path: Path::through(&[from_m, to_m]).unwrap(),
+                duration_s: None,
+                speed_mps: Some(0.02),
+            };
+            Plan::new(&model, &from_m, &[step])
+        };
+        let refused = go(home_m, near_m).unwrap_err().to_string();
+        assert!(refused.contains("the board stops at 34.00 N"), "{refused}");
+        go(near_m, home_m).unwrap();
+        let nearer_m = near_m + Vector3::new(0.0, 0.0, 2e-3);
+        go(near_m, nearer_m).unwrap_err();
+        let place = |at_m, rest, now| judge_place(&model, at_m, rest, now).is_ok();
+        assert!(!place(&near_m, &near, None) && place(&near_m, &near, Some(&near)));
     }
 
     #[test]

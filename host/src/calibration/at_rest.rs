@@ -3,16 +3,16 @@
 //! A platform of fewer than six cables tilts as statics decide: errors of masses, tensions and attachments move it
 //! although its lengths are right. Of this the estimator's own prediction, by lengths, has no part.
 
-use crate::motion::{Model, judge_place};
+use super::result;
+use crate::motion::{Model, rests_on_grid};
 use crate::robot::Robot;
 use mcdpr_core::estimate::tube::{Belief, Doubts};
-use nalgebra::{Matrix6, Vector3};
+use nalgebra::Matrix6;
 use serde::Serialize;
+use serde_json::Value;
 
 /// Places per axis of the robot's space.
-const PLACES: u8 = 5;
-/// Anchors as built are off by up to this, m; for a calibrated robot its covariance counts instead.
-const ANCHORS_M: f64 = 5e-3;
+const PLACES: u32 = 5;
 
 /// Expected error over the places at which the robot can rest, root mean square.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -34,29 +34,15 @@ impl AtRest {
     #[must_use]
     pub fn of(robot: &Robot) -> Option<Self> {
         let model = Model::new(robot).ok()?;
-        let belief = Belief::of(robot, &Doubts::within(ANCHORS_M));
-        let [low, high] = robot.search_box_in_world_m();
-        let mut squares = Vec::new();
-        let mut near = None;
-        for place in 0..u32::from(PLACES).pow(3) {
-            let count = u32::from(PLACES);
-            let steps = [
-                place / (count * count),
-                place / count % count,
-                place % count,
-            ];
-            let share = Vector3::from(steps.map(f64::from)) / f64::from(PLACES - 1);
-            let tool_m = low + (high - low).component_mul(&share);
-            let Ok(rest) = model.rest(&tool_m, near.as_ref()) else {
-                continue;
-            };
-            if judge_place(&model, &tool_m, &rest, None).is_ok()
-                && let Ok(Some(covariance)) = belief.platform_at(&model, &rest)
-            {
-                squares.push(traces(&covariance));
-            }
-            near = Some(rest);
-        }
+        // Of a calibrated robot its covariance counts instead.
+        let belief = Belief::of(robot, &Doubts::by_tape());
+        let rests = rests_on_grid(&model, robot.search_box_in_world_m(), PLACES);
+        let known = |rest| belief.platform_at(&model, rest).ok().flatten();
+        let squares: Vec<_> = rests
+            .iter()
+            .filter_map(known)
+            .map(|of| traces(&of))
+            .collect();
         let all = squares.len().max(1) as f64;
         let mean = |part: usize| squares.iter().map(|of| of[part]).sum::<f64>() / all;
         let worst = |part: usize| squares.iter().map(|of| of[part]).fold(0.0, f64::max);
@@ -67,6 +53,15 @@ impl AtRest {
             attitude_rad: mean(1).sqrt(),
             worst_attitude_rad: worst(1).sqrt(),
         })
+    }
+
+    /// Of the robot by a new calibration (its file's form); `None` also where this cannot be applied.
+    #[must_use]
+    pub(crate) fn by(robot: &Robot, document: &Value) -> Option<Self> {
+        result::applied(robot, document)
+            .ok()
+            .as_ref()
+            .and_then(Self::of)
     }
 
     /// In a sentence.
@@ -100,7 +95,10 @@ mod tests {
         let found = AtRest::of(&robot).unwrap();
         assert!(found.places > 5, "{found:?}");
         assert!((1e-3..2e-2).contains(&found.position_m), "{found:?}");
-        assert!(found.worst_position_m >= found.position_m, "{found:?}");
+        assert!(found.worst_position_m > found.position_m, "{found:?}");
+        // 0.1 to 5 degrees.
+        assert!((2e-3..9e-2).contains(&found.attitude_rad), "{found:?}");
+        assert!(found.worst_attitude_rad > found.attitude_rad, "{found:?}");
         assert!(found.words().contains("tilt included"), "{}", found.words());
     }
 }

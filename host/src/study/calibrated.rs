@@ -38,8 +38,6 @@ const LOOK_S: f64 = 0.02;
 const SPEED_MPS: f64 = 0.15;
 /// Square of the radius that holds 95 % of three normal coordinates (chi-square, 3 degrees of freedom).
 const CHI2_3_95: f64 = 7.815;
-/// Anchors of a machine as built are off by this much at most, m; what the calibration found counts instead.
-const ANCHORS_M: f64 = 5e-3;
 /// Salt of the places in a seed: they are not those of the calibration.
 const PLACES: u64 = 0x706C_6163;
 
@@ -265,7 +263,7 @@ fn visit(
     let speed_mps = Some(SPEED_MPS.min(known.robot.limits.speed_mps));
     let [low, high] = known.robot.search_box_in_world_m();
     let mut random = Random::new(seed ^ PLACES);
-    let belief = Belief::of(&known.robot, &Doubts::within(ANCHORS_M));
+    let belief = Belief::of(&known.robot, &Doubts::by_tape());
     for _ in 0..TRIES {
         if visited.len() == work.places {
             break;

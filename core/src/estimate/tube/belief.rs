@@ -56,6 +56,12 @@ pub struct Doubts {
 const UNIFORM: f64 = 0.577_350_269_189_625_8;
 
 impl Doubts {
+    /// A machine whose anchors were measured with a tape, within 5 mm.
+    #[must_use]
+    pub const fn by_tape() -> Self {
+        Self::within(5e-3)
+    }
+
     /// A machine that is known by its robot file, its anchors within this half width, m: 5 mm by a tape
     /// measure, 0.3 mm surveyed.
     ///

@@ -150,8 +150,7 @@ impl Solve {
         let kept = match designed {
             Some(robot) => {
                 let document = refusable(common, result::document(&robot, &data, &answer))?;
-                let known = result::applied(&robot, &document);
-                at_rest = known.ok().as_ref().and_then(AtRest::of);
+                at_rest = AtRest::by(&robot, &document);
                 let out = self.out.clone();
                 let used = result::path_for(&common.robot);
                 let path = out.unwrap_or_else(|| used.clone());

@@ -1,7 +1,7 @@
 //! Whether a robot file describes a robot that can work: home, tensions, motors, work space.
 
 use super::reserve;
-use crate::motion::{Model, PlanOptions, judge_place};
+use crate::motion::{Model, PlanOptions, judge_place, rests_on_grid};
 use crate::robot::Robot;
 use miette::Diagnostic;
 use nalgebra::Vector3;
@@ -128,23 +128,8 @@ fn motors(robot: &Robot, tensions_n: &[f64], out: &mut Physics) {
 fn space(model: &Model, out: &mut Physics) {
     let robot = model.robot();
     let [low, high] = robot.limits.box_in_world_m.unwrap_or_else(|| around(robot));
-    let (mut fine, mut all) = (0_u32, 0_u32);
-    let steps = f64::from(PLACES - 1);
-    let mut near = None;
-    for x in 0..PLACES {
-        for y in 0..PLACES {
-            for z in 0..PLACES {
-                let share = Vector3::new(f64::from(x), f64::from(y), f64::from(z)) / steps;
-                let tool_m = low + (high - low).component_mul(&share);
-                all += 1;
-                if let Ok(rest) = model.rest(&tool_m, near.as_ref()) {
-                    fine += u32::from(judge_place(model, &tool_m, &rest, None).is_ok());
-                    near = Some(rest);
-                }
-            }
-        }
-    }
-    let share = f64::from(fine) / f64::from(all);
+    let fine = rests_on_grid(model, [low, high], PLACES).len();
+    let share = fine as f64 / f64::from(PLACES.pow(3));
     out.share = Some(share);
     let given = if robot.limits.box_in_world_m.is_some() {
         "limits.box_mm"

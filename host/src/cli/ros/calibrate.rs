@@ -136,8 +136,7 @@ impl Node<'_> {
         let path: PathBuf = result::path_for(&self.common.robot);
         result::write_whole(&path, format!("{document:#}\n"))?;
         history::remember(model.robot(), &path, "calibrated by ROS")?;
-        let known = result::applied(model.robot(), &document);
-        let at_rest = known.ok().as_ref().and_then(AtRest::of);
+        let at_rest = AtRest::by(model.robot(), &document);
         let at_rest = at_rest.map(|at_rest| format!("; {}", at_rest.words()));
         Ok(format!(
             "predicted position error {:.2} mm by the cables' lengths{}; written to {}, which `mcdpr ros` uses when it starts again",

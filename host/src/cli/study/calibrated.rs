@@ -76,54 +76,18 @@ impl Cmd {
                 "machines": all,
             }));
         }
-        let head = ["", "median", "5 %", "95 %"].map(str::to_owned).to_vec();
-        let rows = [
-            (
-                "position of a machine, root mean square, mm",
-                1e3,
-                of_machine(&done, |p| p.position_m),
-            ),
-            (
-                "expected position, the same, mm",
-                1e3,
-                of_machine(&done, |p| p.expected_m),
-            ),
-            (
-                "tool of a machine, root mean square, mm",
-                1e3,
-                of_machine(&done, |p| p.tool_m),
-            ),
-            (
-                "plans' tube of 95 %, the same, mm",
-                1e3,
-                of_machine(&done, |p| p.tube_m),
-            ),
-            (
-                "attitude of a machine, root mean square, degrees",
-                1f64.to_degrees(),
-                of_machine(&done, |p| p.attitude_rad),
-            ),
-            (
-                "expected attitude, the same, degrees",
-                1f64.to_degrees(),
-                of_machine(&done, |p| p.expected_rad),
-            ),
-            (
-                "swing of the position, the same, mm",
-                1e3,
-                of_machine(&done, |p| p.swing_m),
-            ),
-            (
-                "swing of the attitude, the same, degrees",
-                1f64.to_degrees(),
-                of_machine(&done, |p| p.swing_rad),
-            ),
-        ];
-        let table = rows.map(|(name, scale, values)| {
-            let of = |share| format!("{:.3}", quantile(values.clone(), share) * scale);
-            vec![name.to_owned(), of(0.5), of(0.05), of(0.95)]
-        });
-        let table: Vec<_> = std::iter::once(head).chain(table).collect();
+        let head = ["of a machine, root mean square", "median", "5 %", "95 %"];
+        let mut table = vec![head.map(str::to_owned).to_vec()];
+        for (kinds, unit, scale) in [
+            (&LENGTHS[..], "mm", 1e3),
+            (&ANGLES[..], "degrees", 1f64.to_degrees()),
+        ] {
+            for (name, value) in kinds {
+                let values = of_machine(&done, *value);
+                let of = |share| format!("{:.3}", quantile(values.clone(), share) * scale);
+                table.push(vec![format!("{name}, {unit}"), of(0.5), of(0.05), of(0.95)]);
+            }
+        }
         write_out(&lay_out(&table));
         let places: Vec<_> = done.iter().flat_map(|of| &of.places).collect();
         let share = |count: usize| 100.0 * count as f64 / places.len().max(1) as f64;
@@ -156,8 +120,23 @@ impl Cmd {
     }
 }
 
+/// A value of a place, m or rad.
+type Value = fn(&Place) -> f64;
+const LENGTHS: [(&str, Value); 5] = [
+    ("position", |place| place.position_m),
+    ("expected position", |place| place.expected_m),
+    ("tool", |place| place.tool_m),
+    ("plans' tube of 95 %", |place| place.tube_m),
+    ("swing of the position", |place| place.swing_m),
+];
+const ANGLES: [(&str, Value); 3] = [
+    ("attitude", |place| place.attitude_rad),
+    ("expected attitude", |place| place.expected_rad),
+    ("swing of the attitude", |place| place.swing_rad),
+];
+
 /// Root mean square over the places of each machine.
-fn of_machine(machines: &[&Judged], value: fn(&Place) -> f64) -> Vec<f64> {
+fn of_machine(machines: &[&Judged], value: Value) -> Vec<f64> {
     let square = |of: &&Judged| {
         let sum: f64 = of.places.iter().map(|place| value(place).powi(2)).sum();
         (sum / of.places.len().max(1) as f64).sqrt()
