@@ -200,8 +200,6 @@ const RMDS_MODE_S: f64 = 0.5;
 const CIA402_MODE_S: f64 = 0.02;
 /// Viscous friction is not a key of the robot file: Coulomb friction dominates these drums.
 const VISCOUS_FRICTION_NS_PER_M: f64 = 0.0;
-/// A brake that is too weak is a fault to be injected, not a property of a robot file, N.
-const BRAKE_HOLDING_N: f64 = 150.0;
 /// A drive follows set-points as fast as its motor can, m/s².
 const MAX_ACCELERATION_MPS2: f64 = 100.0;
 /// Sensor noise after oversampling, N.
@@ -343,7 +341,7 @@ fn winch_params(winch: &Winch, mismatch: &Mismatch, draws: &mut Draws) -> WinchP
             close_delay_s: winch.brake_close_s,
             // A robot file has one time for a brake: it opens as fast as it closes.
             open_delay_s: winch.brake_close_s,
-            holding_n: BRAKE_HOLDING_N,
+            holding_n: winch.brake_holding_n,
             play_m: winch.brake_play_m,
         },
         drive: drive_params(winch, mismatch, draws),

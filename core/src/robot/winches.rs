@@ -174,6 +174,7 @@ fn winch(table: &Values, default_id: i64) -> Winch {
         gear: gear(table),
         drum_eccentricity_m: table.number(key!(WINCH, "drum_eccentricity_mm")) / MM_PER_M,
         brake_close_s: table.number(key!(WINCH, "brake_close_ms")) / MS_PER_S,
+        brake_holding_n: table.number(key!(WINCH, "brake_holding_n")),
         drive_hold_up_s: table.number(key!(WINCH, "drive_hold_up_ms")) / MS_PER_S,
         brake_play_m: table.number(key!(WINCH, "brake_play_deg")).to_radians() * drum_radius_m,
         tension_gain_n_per_v: table.number(key!(WINCH, "tension_gain_n_per_v")),

@@ -157,6 +157,11 @@ pub(crate) static WINCH: Section = Section {
             30.0,
             "time from the command until the brake holds, ms",
         ),
+        positive(
+            "brake_holding_n",
+            150.0,
+            "force at the cable that the closed brake holds, N; plans end only where the brake's test, with 1.69 times each tension, passes",
+        ),
         key(
             "drive_hold_up_ms",
             Kind::Number(Within(0.0, 1000.0)),

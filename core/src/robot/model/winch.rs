@@ -49,6 +49,8 @@ pub struct Winch {
     pub drum_eccentricity_m: f64,
     /// Time until the brake holds, s.
     pub brake_close_s: f64,
+    /// Force at the cable that the closed brake holds, N.
+    pub brake_holding_n: f64,
     /// Time for which the rail keeps the drive after its supply failed, s.
     pub drive_hold_up_s: f64,
     /// How far the drum turns in its closed brake, at the cable, m.
@@ -181,6 +183,12 @@ impl Winch {
         let rail_v = OPEN_SENSOR_STEPS / 65_536.0 * 3.3;
         let reads_n = self.tension_gain_n_per_v * (rail_v - self.tension_zero_v);
         (SENSOR_SHARE * reads_n).min(self.tension_max_n)
+    }
+
+    /// Greatest tension, N, at which the board's test of the brake passes: the board has it hold the tension and half of
+    /// it, and pushes with an eighth more (`firmware/src/proof.rs`).
+    pub fn proven_tension_n(&self) -> f64 {
+        self.brake_holding_n / (1.5 * 1.125)
     }
 
     /// Motor counts per drum encoder count: the rho of the paper's Eqs. 50 and 54.

@@ -79,6 +79,7 @@ pub(super) fn judge(robot: &Robot) -> miette::Result<Physics> {
             motors(robot, tensions, &mut out);
         }
     }
+    brakes(robot, &mut out);
     space(&model, &mut out);
     if out.problems.is_empty() {
         reserve::judge(&model, &mut out);
@@ -120,6 +121,23 @@ fn motors(robot: &Robot, tensions_n: &[f64], out: &mut Physics) {
         out.facts.push(format!(
             "the speed limit of {:.0} mm/s is never reached: the slowest winch decides",
             robot.limits.speed_mps * 1e3
+        ));
+    }
+}
+
+/// Brakes that hold less than the tensions which the file allows.
+fn brakes(robot: &Robot, out: &mut Physics) {
+    let winches = (0..robot.cables.len()).filter_map(|cable| Some((cable, robot.winch_of(cable)?)));
+    let weakest = winches.min_by(|a, b| a.1.brake_holding_n.total_cmp(&b.1.brake_holding_n));
+    let Some((cable, winch)) = weakest else { return };
+    let (proven_n, most_n) = (winch.proven_tension_n(), robot.limits.tension_max_n);
+    if proven_n < most_n {
+        out.facts.push(format!(
+            "brakes: that of cable {} holds {:.0} N and passes its test up to {proven_n:.0} N: no plan ends with more, \
+             although {most_n:.0} N are allowed; a brake of {:.0} N would do everywhere",
+            cable + 1,
+            winch.brake_holding_n,
+            most_n * winch.brake_holding_n / proven_n
         ));
     }
 }
