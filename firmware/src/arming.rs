@@ -243,7 +243,7 @@ pub(crate) struct Oscillation {
     base: Option<i32>,
     /// Previous positions of motor and drum, 0.1 µm.
     from: Option<(i32, i32)>,
-    /// Greatest motor displacement, and the drum's position at it, 0.1 µm.
+    /// Displacements of motor and drum where their sum was greatest, 0.1 µm.
     farthest: (i32, i32),
 }
 
@@ -300,9 +300,10 @@ impl Oscillation {
     pub fn observe(&mut self, motor: i32, drum: i32) {
         let from = *self.from.get_or_insert((motor, drum));
         let gone = (motor.wrapping_sub(from.0), drum.wrapping_sub(from.1));
-        // Motor and drum of the same tick: their greatest displacements alone could belong to
-        // different moments.
-        if gone.0.unsigned_abs() > self.farthest.0.unsigned_abs() {
+        // Motor and drum of the same tick: their greatest displacements alone could belong to different moments. Not
+        // where the motor alone was farthest: its feedback is late by a bus period, and the drum may be on its way back.
+        let far = |(motor, drum): (i32, i32)| motor.unsigned_abs() + drum.unsigned_abs();
+        if far(gone) > far(self.farthest) {
             self.farthest = gone;
         }
     }
@@ -321,7 +322,7 @@ impl Oscillation {
         // The motor first: behind a motor that stands, the drum's stillness says nothing about its
         // encoder. Nor does it behind one that moved by less than an encoder count and a half, as a law that commands
         // a current does against stiff cables: such a drum is compared with its motor in motion.
-        let (fault, moved) = if motor.abs() < least {
+        let (fault, moved) = if motor.abs().max(drum.abs()) < least {
             (FaultId::B1, motor)
         } else if along < -least {
             (FaultId::S4, drum)
