@@ -148,12 +148,9 @@ impl<const N: usize> Controller<N> {
         // The paper's law does not use the planned motion: its drum cannot be tested by moving.
         let can_oscillate = config.control == Control::Length || config.law == TensionLaw::Default;
         let (amplitude, _) = Oscillation::amplitude(config, cable.setpoint_mn);
-        if let (true, Err(found)) = (can_oscillate, oscillation.verdict(amplitude)) {
-            // A speed loop comes to a few newtons within so short a motion, less than the loss of a gear under load: a
-            // motor that stands is no evidence of a closed brake. Motion will show one (D2, D4, S2).
-            if found.fault != FaultId::B1 || !config.commands_speed() {
-                self.trip(found.fault, number + 1, found.value, found.limit);
-            }
+        let verdict = oscillation.verdict(amplitude, config.commands_speed());
+        if let (true, Err(found)) = (can_oscillate, verdict) {
+            self.trip(found.fault, number + 1, found.value, found.limit);
         }
     }
 
