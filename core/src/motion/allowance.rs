@@ -1,6 +1,8 @@
 //! How far a cable's tension may be from its plan: room between what a plan asks for and the limits at which the board
 //! stops.
 
+use super::model::StaticState;
+use super::verdict::Broken;
 use crate::robot::Robot;
 
 /// A tension differs from its plan by up to this share: sensor gain, pulley loss and mass, each known to a percent or
@@ -42,11 +44,30 @@ pub(super) fn planned_from_n(robot: &Robot, cable: usize, from_n: Option<f64>) -
     [low.min(from_n), high.max(from_n)]
 }
 
+/// The first cable whose brake would fail its test where the robot rests (B2). From where one fails already the robot can
+/// leave: `from_n` are the tensions at which the motion begins, N.
+pub(super) fn judge_brakes(robot: &Robot, rest: &StaticState, from_n: &[f64]) -> Option<Broken> {
+    let mut cables = rest.tensions_n().iter().enumerate();
+    cables.find_map(|(index, &tension_n)| {
+        let winch = robot.winch_of(index)?;
+        let from_n = from_n.get(index).copied().unwrap_or(0.0);
+        let most_n = winch.proven_tension_n().max(from_n);
+        (tension_n > most_n).then(|| {
+            let what = format!(
+                "the tension of cable {} where its brake has to pass its test (brake_holding_n = {})",
+                index + 1,
+                winch.brake_holding_n
+            );
+            (what, tension_n, most_n, "N")
+        })
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::motion::path::Path;
-    use crate::motion::{Model, Plan, StaticState, Step, judge_place};
+    use crate::motion::{Model, Plan, Step, judge_place};
     use nalgebra::Vector3;
 
     #[test]
@@ -93,6 +114,49 @@ mod tests {
         go(near_m, nearer_m).unwrap_err();
         let place = |at_m, rest, now| judge_place(&model, at_m, rest, now).is_ok();
         assert!(!place(&near_m, &near, None) && place(&near_m, &near, Some(&near)));
+    }
+
+    /// A plan ends where every brake holds 1.6875 times its tension, or, from where one does not, lower.
+    #[test]
+    fn a_plan_ends_only_where_every_brake_passes_its_test() {
+        let mut robot = Robot::built_in("eight-cable").unwrap();
+        let home_m = robot.tool.home_in_world_m;
+        let go = |robot: &Robot, from_m: Vector3<f64>, to_m: Vector3<f64>| {
+            let model = Model::new(robot).unwrap();
+            let path = Path::through(&[from_m, to_m]).unwrap();
+            let step = Step::Move {
+                path,
+                duration_s: None,
+                speed_mps: Some(0.1),
+            };
+            Plan::new(&model, &from_m, &[step]).map(|_| ())
+        };
+        let most_n = |at_m: &Vector3<f64>| {
+            let model = Model::new(&Robot::built_in("eight-cable").unwrap()).unwrap();
+            let rest = model.rest(at_m, None).unwrap();
+            rest.tensions_n().iter().copied().fold(0.0, f64::max)
+        };
+        let far_m = home_m + Vector3::new(0.15, 0.15, 0.1);
+        let [home_n, far_n] = [most_n(&home_m), most_n(&far_m)];
+        assert!(far_n > home_n + 2.0, "{home_n} {far_n}");
+        go(&robot, home_m, far_m).unwrap();
+        for (holds_n, ends) in [(1.6875 * far_n + 0.1, true), (1.6875 * far_n - 0.1, false)] {
+            for winch in &mut robot.winches {
+                winch.brake_holding_n = holds_n;
+            }
+            let ended = go(&robot, home_m, far_m);
+            assert_eq!(ended.is_ok(), ends, "{ended:?}");
+            let said = ended
+                .err()
+                .map(|error| error.to_string())
+                .unwrap_or_default();
+            assert_eq!(
+                said.contains("its brake has to pass its test"),
+                !ends,
+                "{said}"
+            );
+            go(&robot, far_m, home_m).unwrap();
+        }
     }
 
     #[test]

@@ -9,7 +9,6 @@ use super::options::Planner;
 use super::plan::PlanError;
 use super::timed::Timed;
 use crate::holding::Freedom;
-use crate::robot::Robot;
 use mcdpr_kinematics::PlatformBox;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -74,7 +73,7 @@ pub fn judge_place(
 ) -> Result<(), PlanError> {
     let from_n = now.map_or(&[][..], StaticState::tensions_n);
     let broken = judge_state(model, tool_m, rest, from_n, &Watch::default());
-    match broken.or_else(|| judge_brakes(model.robot(), rest, from_n)) {
+    match broken.or_else(|| allowance::judge_brakes(model.robot(), rest, from_n)) {
         None => Ok(()),
         Some((what, value, limit, unit)) => Err(PlanError::Limit {
             time_s: 0.0,
@@ -90,7 +89,7 @@ pub fn judge_place(
 }
 
 /// The broken limit: quantity, value, limit, unit.
-type Broken = (String, f64, f64, &'static str);
+pub(super) type Broken = (String, f64, f64, &'static str);
 
 /// The first limit that the motion would break.
 pub(super) fn judge(model: &Model, timed: &Timed) -> Result<(), PlanError> {
@@ -144,7 +143,7 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
             .or_else(|| speeds.as_ref().and_then(|v| judge_speed(model, v)));
         // After a motion the robot parks sooner or later.
         if last {
-            broken = broken.or_else(|| judge_brakes(model.robot(), &rest, &from_n));
+            broken = broken.or_else(|| allowance::judge_brakes(model.robot(), &rest, &from_n));
         }
         seen.take(model, &rest, timed.speed_mps(time_s));
         let at = Moment { time_s, tool_m };
@@ -356,24 +355,6 @@ fn judge_state(
     watch
         .in_view_m
         .and_then(|place_m| out_of_view(model, rest, &place_m))
-}
-
-/// Whether every brake passes its test where the robot rests (B2). From where one fails already the robot can leave.
-fn judge_brakes(robot: &Robot, rest: &StaticState, from_n: &[f64]) -> Option<Broken> {
-    let mut cables = rest.tensions_n().iter().enumerate();
-    cables.find_map(|(index, &tension_n)| {
-        let winch = robot.winch_of(index)?;
-        let from_n = from_n.get(index).copied().unwrap_or(0.0);
-        let most_n = winch.proven_tension_n().max(from_n);
-        (tension_n > most_n).then(|| {
-            let what = format!(
-                "the tension of cable {} where its brake has to pass its test (brake_holding_n = {})",
-                index + 1,
-                winch.brake_holding_n
-            );
-            (what, tension_n, most_n, "N")
-        })
-    })
 }
 
 /// Whether a watched point has left the camera's picture, and by how much.

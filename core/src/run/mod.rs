@@ -233,12 +233,26 @@ pub fn arm<L: Link>(client: &mut Client<L>, config_hash: ConfigHash) -> Result<(
 /// # Errors
 /// The client's, or [`RunError::NoChange`].
 pub fn disarm<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
-    client.request(Request::Disarm)?;
+    ask_to_disarm(client)?;
     // A stop takes 0.3 s, after a snag up to 2 s; then the brakes close and are tested.
     wait_for(client, BoardState::Disarmed, PARKS_S)?;
     // Given back: the next program is not refused as a second host (L14).
     client.request(Request::Close)?;
     Ok(())
+}
+
+/// Asks the board to disarm. One that has latched a fault refuses, and the fault is the news.
+///
+/// # Errors
+/// [`RunError::Fault`], or the client's.
+pub(super) fn ask_to_disarm<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
+    let Err(refused) = client.request(Request::Disarm) else {
+        return Ok(());
+    };
+    match status(client).ok().and_then(|status| status.fault) {
+        Some(record) => Err(RunError::Fault { record, why: None }),
+        None => Err(refused.into()),
+    }
 }
 
 /// Waits until the board is in a state; a latched fault ends the wait.

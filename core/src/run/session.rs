@@ -438,8 +438,8 @@ impl<'m, L: Link> Session<'m, L> {
     /// # Errors
     /// As [`super::disarm`].
     pub fn disarm(mut self) -> Result<(), RunError> {
-        self.client.request(Request::Disarm)?;
-        super::wait_for(&mut self.client, BoardState::Disarmed, super::PARKS_S)
+        super::ask_to_disarm(&mut self.client)
+            .and_then(|()| super::wait_for(&mut self.client, BoardState::Disarmed, super::PARKS_S))
             .map_err(|error| self.explain(error))?;
         self.close()
     }

@@ -129,7 +129,9 @@ fn motors(robot: &Robot, tensions_n: &[f64], out: &mut Physics) {
 fn brakes(robot: &Robot, out: &mut Physics) {
     let winches = (0..robot.cables.len()).filter_map(|cable| Some((cable, robot.winch_of(cable)?)));
     let weakest = winches.min_by(|a, b| a.1.brake_holding_n.total_cmp(&b.1.brake_holding_n));
-    let Some((cable, winch)) = weakest else { return };
+    let Some((cable, winch)) = weakest else {
+        return;
+    };
     let (proven_n, most_n) = (winch.proven_tension_n(), robot.limits.tension_max_n);
     if proven_n < most_n {
         out.facts.push(format!(
