@@ -489,6 +489,33 @@ fn a_calibrated_robot_is_where_its_calibration_says_at_other_places() {
     assert!(inside >= 3, "{inside} of 4 in the region of 95 %");
 }
 
+/// As found it collects its poses: the first of these machines stopped at arming (B1 of a gear that only wound up), the second at
+/// a pose whose tensions its brakes could not prove (B2).
+#[test]
+fn eight_cables_as_found_collect_their_poses_and_are_where_their_calibration_says() {
+    let robot = Robot::built_in("eight-cable").unwrap();
+    let work = Work {
+        poses: 20,
+        places: 3,
+        shaping: Shaping::None,
+    };
+    for seed in [3, 5] {
+        let judged = judge(&robot, Mismatch::as_found(), &work, seed);
+        assert_eq!(judged.stopped, None, "seed {seed}");
+        assert_eq!((judged.poses, judged.places.len()), (20, 3));
+        for place in &judged.places {
+            println!("{place:?}");
+            assert!(place.tool_m < place.tube_m, "{place:?}");
+            assert!(
+                place.position_m < 1.5e-3 && place.attitude_rad < 5e-3,
+                "{place:?}"
+            );
+        }
+        let inside = judged.places.iter().filter(|place| place.inside).count();
+        assert!(inside >= 2, "{inside} of 3 in the region of 95 %");
+    }
+}
+
 /// Four cables do not hold a platform's tilt: the region counts it, and does not count the swing after a motion, of which a
 /// shaped motion leaves less.
 #[test]
