@@ -546,3 +546,28 @@ fn modules_that_do_not_fit_are_refused_with_file_and_key() {
         );
     }
 }
+
+#[test]
+fn brakes_that_hold_less_than_the_tensions_allowed_are_told_and_keep_plans_short() {
+    let folder = Folder::new("weak-brakes");
+    let at = folder.path();
+    let copy = ["config", "init", "strong.toml", "--copy"];
+    good(at, &[&copy[..], &["--robot", "eight-cable"]].concat());
+    let text = std::fs::read_to_string(at.join("strong.toml")).unwrap();
+    let weak = text.replace("brake_holding_n = 300", "brake_holding_n = 120");
+    assert_ne!(text, weak);
+    std::fs::write(at.join("weak.toml"), weak).unwrap();
+    let told = "holds 120 N and passes its test up to 71 N";
+    let share = |said: &str| {
+        let line = said.lines().find(|line| line.starts_with("work space"));
+        let digits: String = line.unwrap().chars().filter(char::is_ascii_digit).collect();
+        digits.parse::<u32>().unwrap()
+    };
+    let [strong, weak] =
+        ["strong.toml", "weak.toml"].map(|file| good(at, &["config", "check", file]));
+    assert!(
+        weak.contains(told) && !strong.contains("brakes:"),
+        "{weak}\n{strong}"
+    );
+    assert!(share(&weak) < share(&strong), "{weak}\n{strong}");
+}
