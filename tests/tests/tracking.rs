@@ -92,7 +92,7 @@ fn rubs_mnm(robot: &Robot) -> Vec<f64> {
 }
 
 #[test]
-fn a_cold_gear_is_measured_by_the_motion() {
+fn cold_gears_are_measured_in_motion_and_at_rest() {
     let folder = Folder::new("tracked-friction");
     // Cold, the simulated gears rub 1.7 times as much as the file says; the board is not told.
     let path = folder.robot("paper-table5", "cold.toml", &[COLD]);
@@ -110,19 +110,24 @@ fn a_cold_gear_is_measured_by_the_motion() {
         let done = document(&words, folder.path());
         let last = done["rests"].as_array().unwrap().last().unwrap();
         let found = &last["frictions"];
-        // Cables 1 to 3 are held by length.
-        assert!(found[0].is_null() && found[2].is_null(), "{found}");
-        let (share, error) = (&found[3]["share"], &found[3]["share_se"]);
-        let (share, error) = (share.as_f64().unwrap(), error.as_f64().unwrap());
-        // What the plant itself has; it turned for 12 of the 300 s in which it warms up.
         let plant = machine::plant_params(&file, &Mismatch::realistic(), seed.parse().unwrap());
-        let gear = plant.winches[3].gear.clone().unwrap();
-        let warm = (gear.rotor_friction_nm + gear.gear_friction_nm) * 1e3 / rubs_mnm(&file)[3];
-        let true_share = warm * (1.0 + 0.7 * (-12.0_f64 / 300.0).exp());
-        assert!(
-            (share - true_share).abs() < 0.15 * true_share && error < 0.1,
-            "seed {seed}: {found}, not {true_share}"
-        );
+        let described = rubs_mnm(&file);
+        for (cable, winch) in plant.winches.iter().enumerate() {
+            let (share, error) = (&found[cable]["share"], &found[cable]["share_se"]);
+            let (share, error) = (share.as_f64().unwrap(), error.as_f64().unwrap());
+            // What the plant itself has; it turned for 12 of the 300 s in which it warms up.
+            let gear = winch.gear.clone().unwrap();
+            let warm = (gear.rotor_friction_nm + gear.gear_friction_nm) * 1e3 / described[cable];
+            let true_share = warm * (1.0 + 0.7 * (-12.0_f64 / 300.0).exp());
+            // Cable 4 by its motion; the others are held by length: by the swing of their currents at rest, with what is
+            // known of static friction.
+            let most = if cable == 3 { 0.1 } else { 0.15 };
+            assert!(
+                (share - true_share).abs() < 0.15 * true_share && error < most,
+                "seed {seed}, cable {}: {found}, not {true_share}",
+                cable + 1
+            );
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 use super::session::Sight;
 use super::tracking::AtRest;
 use super::{RunError, orders, stop_now};
+use crate::link::client::Row;
 use crate::link::{Client, Link};
 use crate::sight::TagView;
 
@@ -50,11 +51,25 @@ pub(super) fn measure<L: Link>(
         }
     }
     rest.now_us = client.now_us();
+    rest.ticks = last_ticks(client, CALM_S + MEASURE_S);
     if let Some(sight) = sight {
         rest.views = corners.into_iter().map(Corners::mean).collect();
         rest.places = sight.places.to_vec();
     }
     Ok(rest)
+}
+
+/// What the board sampled in the last `seconds`; nothing where it does not sample.
+pub fn last_ticks<L: Link>(client: &Client<L>, seconds: f64) -> Vec<Row> {
+    let mut rows = client.recent();
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "seconds"
+    )]
+    let ticks = (seconds * 1e3) as usize;
+    rows.drain(..rows.len().saturating_sub(ticks));
+    rows
 }
 
 /// Waits, s; a stop that is asked for ends it.

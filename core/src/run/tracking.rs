@@ -3,8 +3,9 @@
 
 use super::Measured;
 use crate::estimate::Measurements;
-use crate::estimate::friction::{Friction, Frictions};
+use crate::estimate::friction::{Friction, Frictions, Ticked};
 use crate::estimate::track::{Kept, KeptError, Load, Prior, Pulleys, Tracker};
+use crate::link::client::Row;
 use crate::motion::{Model, PlanError};
 use crate::robot::TagPlace;
 use crate::sight::TagView;
@@ -68,6 +69,8 @@ pub struct AtRest {
     pub views: Vec<TagView>,
     /// The places.
     pub places: Vec<TagPlace>,
+    /// Ticks of the rest, as the board sampled them; may be empty.
+    pub ticks: Vec<Row>,
 }
 
 impl Tracking {
@@ -226,6 +229,8 @@ impl Tracking {
         let pulleys = self.pulleys.get_or_insert_with(by_encoders);
         pulleys.turn(robot, &rest.lengths_m, &rest.tensions_n);
         let hauled = pulleys.hauled().to_vec();
+        let ticks: Vec<Ticked<'_>> = rest.ticks.iter().map(ticked).collect();
+        self.frictions.rested(&self.described, &ticks, seconds);
         let tags = rest.views.len();
         let measured = Measurements {
             lengths_m: rest.lengths_m,
@@ -295,6 +300,14 @@ impl Tracking {
         self.tracker.set_down();
         self.planner = self.follow()?;
         Ok(())
+    }
+}
+
+/// What shows friction.
+fn ticked(row: &Row) -> Ticked<'_> {
+    Ticked {
+        tensions_n: &row.tensions_n,
+        currents_a: &row.currents_a,
     }
 }
 

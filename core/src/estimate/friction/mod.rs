@@ -1,6 +1,6 @@
-//! Friction of winches while they work, from the samples of a motion.
+//! Friction of winches while they work, from the samples of motions and rests.
 //!
-//! A drum that turns steadily tells its gear's friction: the motor's torque is that friction and the cable's tension
+//! **In motion**, of winches held by tension. A drum that turns steadily tells its gear's friction: the motor's torque is that friction and the cable's tension
 //! over the gear's efficiency while it reels in, and the tension times the efficiency of back-driving less the friction
 //! while it pays out (the model of the robot file, as `commission` identifies it). A motion is cut into stretches of a
 //! tenth of a second; a parabola through the drum's way gives speed and acceleration of each, and those in which the
@@ -9,9 +9,12 @@
 //! Only a gear that rubs clearly shows it: one that loses a tenth more torque than its file says looks the same, in both
 //! directions, so that the standard error grows with the tension over the friction.
 //!
-//! Only winches that are held by tension show it. A drive that follows positions in steps of two milliseconds has a
-//! ripple in its current that grows with the speed, and samples it always at the same moment of these steps: on
-//! `paper-table5` the friction of such winches reads -2 to 4 N instead of 10 (docs/results/winch.md).
+//! **At rest**, of winches held by length, from the two currents between which their drives hunt (`swing`). In motion
+//! a drive that follows positions in steps of two milliseconds has a ripple in its current that grows with the speed, and
+//! samples it always at the same moment of these steps: on `paper-table5` the friction of such winches reads -2 to 4 N
+//! instead of 10 (docs/results/winch.md).
+
+mod swing;
 
 use crate::motion::Model;
 use crate::robot::Winch;
@@ -28,15 +31,18 @@ const STRIBECK: f64 = 4.0;
 const INERTIA: f64 = 0.5;
 /// Standard deviation before anything is known: a cold gear rubs twice as much.
 const PRIOR: f64 = 0.5;
-/// Standard deviation of one stretch, as a share of the file's friction, and its least value, N.
+/// Standard deviation of one stretch or rest, as a share of the file's friction, and its least value, N.
 const STRETCH_SHARE: f64 = 0.1;
 const STRETCH_N: f64 = 0.5;
 /// Growth of the standard deviation with time: a tenth within five minutes, in which a gear warms up.
 const DRIFT_PER_SQRT_S: f64 = 0.1 / 17.3;
-/// What all stretches have in common: the torque constant of the file, as a share of its friction, and the efficiency of
+/// What all of them have in common: the torque constant of the file, as a share of its friction, and the efficiency of
 /// the file, as a share of the tension: a gear that loses more looks like one that rubs more, in both directions.
 const CONSTANT: f64 = 0.05;
 const EFFICIENCY: f64 = 0.06;
+/// At rest also the ratio of static friction to Coulomb friction: 1.2 to 1.5 for greased metal (Armstrong-Helouvry et
+/// al., 1994), where `paper-table5` has 1.3.
+const STATIC: f64 = 0.08;
 /// Friction that is planned and configured with, over that of the file: a value beyond is no change of temperature.
 pub const BOUNDS: [f64; 2] = [0.5, 2.0];
 /// Standard error beyond which the file's friction is kept.
@@ -73,10 +79,12 @@ impl Friction {
 #[derive(Debug, Clone)]
 struct Turning {
     share: f64,
-    /// Standard error without what all stretches have in common.
+    /// Standard error without what all measurements have in common.
     own_se: f64,
     /// That, as a share of the file's friction.
     common_se: f64,
+    /// Held by tension: it shows its friction in motion, the others at rest.
+    by_tension: bool,
     stretch: Stretch,
 }
 
@@ -102,11 +110,11 @@ impl Frictions {
         let by_tension = model.holding().by_tension();
         let cables = (0..model.robot().cables.len()).map(|cable| {
             let winch = model.robot().winch_of(cable)?;
-            let held = by_tension.contains(&cable);
-            (held && rubs_n(winch) > 0.0).then(|| Turning {
+            (rubs_n(winch) > 0.0).then(|| Turning {
                 share: 1.0,
                 own_se: PRIOR,
                 common_se: 0.0,
+                by_tension: by_tension.contains(&cable),
                 stretch: Stretch::default(),
             })
         });
@@ -134,9 +142,12 @@ impl Frictions {
             share: turning.share,
             share_se: libm::hypot(turning.own_se, turning.common_se),
         };
-        self.cables
-            .iter()
-            .map(|cable| cable.as_ref().map(of))
+        let cables = self.cables.iter();
+        cables
+            .map(|cable| {
+                let shown = cable.as_ref().filter(|turning| turning.own_se < PRIOR);
+                shown.map(of)
+            })
             .collect()
     }
 
@@ -158,7 +169,7 @@ impl Frictions {
         currents_a: &[f64],
     ) {
         for (index, cable) in self.cables.iter_mut().enumerate() {
-            let Some(turning) = cable else {
+            let Some(turning) = cable.as_mut().filter(|turning| turning.by_tension) else {
                 continue;
             };
             let stretch = &mut turning.stretch;
@@ -188,22 +199,67 @@ impl Frictions {
             let whole = std::mem::take(stretch);
             stretch.last_tick = Some(tick);
             if let Some(rubs_n) = measured_n(winch, &whole) {
-                turning.learn(rubs_n, self::rubs_n(winch), whole.tension_n);
+                let seconds = STRETCH as f64 * 1e-3;
+                let common = libm::hypot(
+                    CONSTANT,
+                    EFFICIENCY * whole.tension_n.abs() / self::rubs_n(winch),
+                );
+                turning.learn(rubs_n, self::rubs_n(winch), STRETCH_N, seconds);
+                turning.common_se = common;
+            }
+        }
+    }
+
+    /// Takes a rest, `seconds` after the one before: tensions (N) and motor currents (A) of its ticks. Ticks without the
+    /// value of a cable are left out.
+    pub fn rested(&mut self, model: &Model, ticks: &[Ticked<'_>], seconds: f64) {
+        for (index, cable) in self.cables.iter_mut().enumerate() {
+            let Some(turning) = cable.as_mut().filter(|turning| !turning.by_tension) else {
+                continue;
+            };
+            let tensions = ticks.iter().filter_map(|tick| tick.tensions_n.get(index));
+            let currents = ticks.iter().filter_map(|tick| tick.currents_a.get(index));
+            let (tension_n, scatter_n) = mean_and_deviation(tensions.copied());
+            let currents_a: Vec<f64> = currents.copied().collect();
+            let found = swing::ends_a(&currents_a).and_then(|ends_a| {
+                let winch = model.robot().winch_of(index)?;
+                Some((swing::rubs_n(winch, ends_a, tension_n)?, rubs_n(winch)))
+            });
+            if let Some((rubs_n, file_n)) = found {
+                turning.learn(rubs_n, file_n, STRETCH_N.max(scatter_n), seconds.max(0.0));
+                let known = libm::hypot(CONSTANT, STATIC);
+                turning.common_se = libm::hypot(known, EFFICIENCY * tension_n.abs() / file_n);
             }
         }
     }
 }
 
+/// One tick at rest, a value a cable.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ticked<'a> {
+    /// Tensions, N.
+    pub tensions_n: &'a [f64],
+    /// Motor currents, A.
+    pub currents_a: &'a [f64],
+}
+
+/// Mean and standard deviation; zeros of nothing.
+fn mean_and_deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let count = values.clone().count().max(1) as f64;
+    let mean = values.clone().sum::<f64>() / count;
+    let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
+    (mean, (squares / count).sqrt())
+}
+
 impl Turning {
-    /// One more stretch with this friction and this tension, N, of a winch with `file_n`.
-    fn learn(&mut self, rubs_n: f64, file_n: f64, tension_n: f64) {
-        let drift = DRIFT_PER_SQRT_S * DRIFT_PER_SQRT_S * STRETCH as f64 * 1e-3;
-        let before = self.own_se * self.own_se + drift;
-        let noise = (STRETCH_N / file_n).max(STRETCH_SHARE).powi(2);
+    /// One more friction, N, with this standard deviation, N, of a winch with `file_n`, `seconds` after the last.
+    fn learn(&mut self, rubs_n: f64, file_n: f64, deviation_n: f64, seconds: f64) {
+        let drift = DRIFT_PER_SQRT_S * DRIFT_PER_SQRT_S * seconds;
+        let before = (self.own_se * self.own_se + drift).min(PRIOR * PRIOR);
+        let noise = (deviation_n / file_n).max(STRETCH_SHARE).powi(2);
         let gain = before / (before + noise);
         self.share += gain * (rubs_n / file_n - self.share);
         self.own_se = ((1.0 - gain) * before).sqrt();
-        self.common_se = libm::hypot(CONSTANT, EFFICIENCY * tension_n.abs() / file_n);
     }
 }
 
