@@ -332,7 +332,7 @@ impl Oscillation {
         };
         // A speed loop comes to a few newtons within so short a motion: less than the loss of a gear under load. Where
         // its motor did not go all the way, it stood, or only wound up its gear: no evidence of a closed brake or of a
-        // dead encoder. Motion shows both within a millimetre (D2, D4, S2); a reversed one ends in STOP0, better at rest.
+        // dead encoder. Motion shows both within a millimetre (D2, D4, S2); a reversed one is better found at rest.
         let all_the_way = motor.abs() >= amplitude - (amplitude >> 4);
         if by_speed && !all_the_way && fault != FaultId::S4 {
             return Ok(());

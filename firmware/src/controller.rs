@@ -71,6 +71,8 @@ struct Cable {
     well: bool,
     /// Drive or encoder were lost since the board armed: its brake stays closed.
     abandoned: bool,
+    /// Its drum turned against its motor since the board armed: its drive gives no torque.
+    reversed: bool,
     /// Its tension reading froze since the board armed: its law continues without it.
     blind: bool,
     /// How far the cable gave way while the robot stops, 0.1 µm.
@@ -373,6 +375,7 @@ impl<const N: usize> Controller<N> {
                     // torque.
                     cable.watch = CableWatch::default();
                     cable.abandoned = false;
+                    cable.reversed = false;
                     cable.blind = false;
                     cable.give = 0;
                     cable.proof = Proof::default();
@@ -432,7 +435,9 @@ impl<const N: usize> Controller<N> {
         if fault == FaultId::C2 {
             self.stop_for(true);
         }
-        let failed = matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6);
+        let reversed = fault == FaultId::S4;
+        let failed =
+            reversed | matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6);
         let failed = failed && self.state == State::Stopping;
         if let Some(cable) = self.cables.get_mut(usize::from(cable).wrapping_sub(1)) {
             // A reading at a rail is reported by its own detectors (S7, S8).
@@ -441,6 +446,7 @@ impl<const N: usize> Controller<N> {
             // drive that does not follow commands (D7) must not give torque: an RMDS has no other
             // way to report it.
             cable.abandoned |= failed;
+            cable.reversed |= reversed;
         }
         if failed {
             let stop_ms = self.active.as_ref().map_or(1, |active| active.stop_ms);

@@ -156,7 +156,7 @@ impl Reaction {
 pub const fn reaction(fault: FaultId) -> Reaction {
     match fault {
         FaultId::L10 | FaultId::K4 | FaultId::K5 | FaultId::K6 => Reaction::Hold,
-        FaultId::D1 | FaultId::S4 | FaultId::P1 | FaultId::P2 | FaultId::P6 => Reaction::Emergency,
+        FaultId::D1 | FaultId::P1 | FaultId::P2 | FaultId::P6 => Reaction::Emergency,
         _ => Reaction::Stop,
     }
 }

@@ -395,7 +395,7 @@ impl CableWatch {
         let deaf = self.deaf.update(now.deaf, DEAF_TICKS);
         let ticks = |count: &Persist, limit: u16| (i32::from(count.ticks()), i32::from(limit));
         let (age, timeout) = (view.feedback_age_ms, view.feedback_timeout_ms);
-        // Only the first is reported. A reversed loop (STOP0) comes before a lost drive, and faulty
+        // Only the first is reported. A reversed loop comes before a lost drive, and faulty
         // sensors before the tensions that they pretend.
         let (fault, (value, limit)) = if reversed || runs {
             (FaultId::S4, (view.too_fast_umps, RUNAWAY_UMPS))

@@ -387,8 +387,8 @@ impl<const N: usize> ConfigStore<N> {
         let built = CableConfig {
             control,
             per_count_q24,
-            half_count: saturate(per_count_q24.abs() >> 25),
-            four_counts: saturate(per_count_q24.abs() >> 22),
+            half_count: exact(per_count_q24.abs() >> 25),
+            four_counts: exact(per_count_q24.abs() >> 22),
             // Under half of the counter's range, beyond which a step's direction is ambiguous.
             max_encoder_step: u16::try_from(step.min(16_000)).unwrap_or(16_000),
             motor_per_length_q32,
@@ -418,15 +418,15 @@ impl<const N: usize> ConfigStore<N> {
             kd_us: key(CableKey::TensionKd, 0, 10_000_000),
             ki_milli: key(CableKey::TensionKi, 0, 10_000_000),
             damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000),
-            filter_alpha_q16: saturate(alpha_q16),
-            corner_alpha_q16: saturate(corner_alpha_q16),
+            filter_alpha_q16: exact(alpha_q16),
+            corner_alpha_q16: exact(corner_alpha_q16),
             gain_per_length_q40,
             friction_mn: key(CableKey::Friction, 0, 1_000_000),
             mass_g,
             play: key(CableKey::Play, 0, MOST_PLAY),
             brake_play,
             lead_us,
-            lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
+            lead_square: exact(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
             most_force_mn: saturate(most_force_mn),
             stop_q16: saturate(stop_q16),
             brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)),
@@ -443,7 +443,7 @@ impl<const N: usize> ConfigStore<N> {
             slot: index * period / N.to_le_bytes()[0],
             syncs,
             // Counts per ms, times 60,000 ms per minute.
-            rpm_per_count_q16: saturate(division(60_000 << 16, i64::from(per_rev))),
+            rpm_per_count_q16: exact(division(60_000 << 16, i64::from(per_rev))),
         };
         if let Some(key) = fields.refused.get() {
             return refused(ConfigKey::cable(index, key));
@@ -537,6 +537,18 @@ fn checked(key: ConfigKey, value: Option<i32>, low: i32, high: i32) -> Result<i3
 }
 
 /// A value that was just checked to be small.
+#[expect(clippy::cast_possible_truncation, reason = "it was checked")]
 fn small(value: i32) -> u16 {
-    u16::try_from(value).unwrap_or(u16::MAX)
+    debug_assert!(u16::try_from(value).is_ok());
+    value as u16
+}
+
+/// A value whose factors were checked: it has 32 bits. Host builds prove it.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "it follows from its factors' ranges"
+)]
+fn exact(value: i64) -> i32 {
+    debug_assert!(i32::try_from(value).is_ok());
+    value as i32
 }

@@ -44,7 +44,7 @@ impl<const N: usize> Controller<N> {
         for (number, ((cable, &adc), ((demand, brake_slot), (config, drive)))) in
             (1_u8..).zip(cables.zip(slots))
         {
-            if !concerns(self.service, number) {
+            if cable.reversed || !concerns(self.service, number) {
                 (*demand, *brake_slot) = (DriveDemand::Off, Brake::Closed);
                 continue;
             }

@@ -1,7 +1,7 @@
 //! Brakes: tested at arming against torque and by a motion, and before torque is switched off.
 
 use crate::support::{BRAKE_MS, Bench, CABLES, PROOF_MS};
-use mcdpr_firmware::{Brake, Inputs, State};
+use mcdpr_firmware::{Brake, DriveDemand, Inputs, State};
 use mcdpr_protocol::{FaultId, Limit, Request, StopKind};
 
 /// Arms; returns the fault, its cable, and whether all brakes were ever open.
@@ -40,22 +40,58 @@ fn b1_a_brake_that_stays_closed_aborts_arming_within_500_ticks_of_opening() {
     }
 }
 
+const REVERSED: [fn(&mut Inputs<4>); 4] = [
+    |i| i.encoders[0] = i.encoders[0].wrapping_neg(),
+    |i| i.encoders[1] = i.encoders[1].wrapping_neg(),
+    |i| i.encoders[2] = i.encoders[2].wrapping_neg(),
+    |i| i.encoders[3] = i.encoders[3].wrapping_neg(),
+];
+
+/// A board whose encoder `index` counts the other way. The swap exists before the lengths are set.
+fn reversed(index: usize) -> Bench {
+    let mut bench = Bench::ready();
+    bench.tamper = REVERSED[index];
+    bench.run(5);
+    bench.reference();
+    bench
+}
+
 #[test]
-fn s4_a_reversed_encoder_aborts_arming_with_brakes_and_torque_off_at_once() {
+fn s4_a_reversed_encoder_aborts_arming() {
     for index in 0..CABLES {
-        let mut bench = Bench::ready();
-        let tampers: [fn(&mut Inputs<4>); 4] = [
-            |i| i.encoders[0] = i.encoders[0].wrapping_neg(),
-            |i| i.encoders[1] = i.encoders[1].wrapping_neg(),
-            |i| i.encoders[2] = i.encoders[2].wrapping_neg(),
-            |i| i.encoders[3] = i.encoders[3].wrapping_neg(),
-        ];
-        bench.tamper = tampers[index];
-        // The swap exists before the lengths are set.
-        bench.run(5);
-        bench.reference();
         let cable = index as u8 + 1;
-        assert_eq!(arm(bench), (Some(FaultId::S4), cable, true));
+        assert_eq!(arm(reversed(index)), (Some(FaultId::S4), cable, true));
+    }
+}
+
+#[test]
+fn s4_a_reversed_winch_gives_no_torque_at_once_and_the_others_hold_until_the_brakes_have_closed() {
+    for index in 0..CABLES {
+        let mut bench = reversed(index);
+        bench.arm().unwrap();
+        let mut outputs = bench.step();
+        while bench.state() == State::Arming {
+            outputs = bench.step();
+        }
+        assert_eq!(bench.fault(), Some(FaultId::S4));
+        let mut held_ms = 0;
+        while bench.state() == State::Stopping {
+            for cable in 0..CABLES {
+                let off = outputs.drives[cable] == DriveDemand::Off;
+                assert_eq!(off, cable == index, "cable {cable} after {held_ms} ms");
+            }
+            assert_eq!(outputs.brakes[index], Brake::Closed);
+            held_ms += 1;
+            outputs = bench.step();
+        }
+        assert!(held_ms > BRAKE_MS, "{held_ms} ms");
+        assert_eq!(bench.state(), State::Fault);
+        assert!(
+            outputs
+                .drives
+                .iter()
+                .all(|drive| *drive == DriveDemand::Off)
+        );
     }
 }
 

@@ -35,7 +35,10 @@ pub const fn reaction(fault: FaultId) -> &'static str {
         FaultId::S3 | FaultId::K9 => "none needed",
         FaultId::S9 | FaultId::S10 => "advice in motion; out of its band at arming: refused",
         FaultId::S12 => "no motion follows the camera: it goes on by its lengths",
-        FaultId::S4 | FaultId::D1 | FaultId::P7 => "brakes and torque off at once (STOP0)",
+        FaultId::D1 | FaultId::P7 => "brakes and torque off at once (STOP0)",
+        FaultId::S4 => {
+            "the brake of this winch closes and its drive gives no torque, at once; the others stop along the path (STOP1)"
+        }
         FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6 => {
             "the brake of this winch closes at once, the others stop along the path (STOP1)"
         }
