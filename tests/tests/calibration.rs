@@ -516,6 +516,23 @@ fn eight_cables_as_found_collect_their_poses_and_are_where_their_calibration_say
     }
 }
 
+/// In a pose where a cable has less tension than planned every further way was ended at once: seed 11 collected 16 of 20 poses,
+/// seed 15 two, at 1.1 N of cable 2.
+#[test]
+fn from_a_pose_near_the_least_tension_the_collection_goes_on() {
+    let robot = Robot::built_in("paper-table5").unwrap();
+    let work = Work {
+        poses: 20,
+        places: 1,
+        shaping: Shaping::None,
+    };
+    for seed in [11, 15] {
+        let judged = judge(&robot, Mismatch::as_found(), &work, seed);
+        assert_eq!(judged.stopped, None, "seed {seed}");
+        assert_eq!((judged.poses, judged.places.len()), (20, 1), "seed {seed}");
+    }
+}
+
 /// Four cables do not hold a platform's tilt: the region counts it, and does not count the swing after a motion, of which a
 /// shaped motion leaves less.
 #[test]

@@ -80,8 +80,7 @@ pub const fn class(fault: FaultId) -> Class {
         | FaultId::B3
         | FaultId::D1
         | FaultId::P2
-        | FaultId::P7
-        | FaultId::S4 => Class::Bounded,
+        | FaultId::P7 => Class::Bounded,
         _ => Class::Intact,
     }
 }
@@ -307,9 +306,9 @@ fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {
     verdict.noticed_after_ms = after.detected_after_ms();
     verdict.drop_m = after.drop_m();
     verdict.over_ms = after.over_tension().1;
-    // The slack of a drum whose drive does not follow commands is not taken up.
+    // The slack of a drum whose drive does not follow commands, or has none, is not taken up.
     let dead = verdict.injections.iter();
-    let dead = dead.filter(|i| matches!(i.fault, FaultId::D2 | FaultId::D7));
+    let dead = dead.filter(|i| matches!(i.fault, FaultId::D2 | FaultId::D7 | FaultId::S4));
     let dead: Vec<_> = dead.map(|i| i.cable).collect();
     let (slack_ms, slack_cable) = after.slack_but(&dead);
     verdict.slack_ms = slack_ms;

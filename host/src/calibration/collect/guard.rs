@@ -16,6 +16,9 @@ const SHAKING_N: f64 = 3.0;
 /// Below this a tension near a limit is due to the move and not to an oscillation, N.
 const STILL_N: f64 = 1.0;
 
+/// A move that starts near a limit may come this much nearer, N: a mean of measurements at the same tension scatters less.
+const NEARER_N: f64 = 0.1;
+
 /// Why a robot with these measurements should stop, and how: brakes end an oscillation, but closing
 /// and opening them would slacken a cable that is nearly slack.
 pub(super) fn halt(reach: &Reach<'_>, samples: &[Measured]) -> Option<Halt> {
@@ -23,9 +26,17 @@ pub(super) fn halt(reach: &Reach<'_>, samples: &[Measured]) -> Option<Halt> {
     let swings = cables.clone().map(|cable| swing_n(samples, cable));
     let swing_n = swings.fold(0.0, f64::max);
     for cable in cables {
-        let recent = samples.iter().rev().take(MEAN);
-        let mean_n = recent.filter_map(|s| s.tensions_n.get(cable)).sum::<f64>() / MEAN as f64;
-        if samples.len() > MEAN && reach.beyond(cable, mean_n) {
+        let mean_n = |of: &[Measured]| {
+            let tensions = of.iter().filter_map(|s| s.tensions_n.get(cable));
+            tensions.sum::<f64>() / MEAN as f64
+        };
+        let (first, rest) = samples.split_at(MEAN.min(samples.len()));
+        let (began_n, mean_n) = (mean_n(first), mean_n(samples.split_at(rest.len()).1));
+        // Where a pose was too near to a limit, the way out of it must stay open.
+        let nearer = !reach.beyond(cable, began_n)
+            || (mean_n - reach.middle_n(cable)).abs()
+                > (began_n - reach.middle_n(cable)).abs() + NEARER_N;
+        if !rest.is_empty() && reach.beyond(cable, mean_n) && nearer {
             return Some(Halt {
                 kind: if swing_n > STILL_N {
                     StopKind::Stop
@@ -121,6 +132,10 @@ mod tests {
             shaken.kind == StopKind::Stop && shaken.reason.contains("oscillated"),
             "{shaken:?}"
         );
+        // From a place near its least tension it may leave, not go on.
+        let least_n = reach.least_n();
+        assert_eq!(ended(&|t| least_n + 0.05 + t), None);
+        assert!(ended(&|t| least_n + 0.05 - 0.3 * t).is_some());
         for slope in [|t| 3.0 - 2.0 * t, |t| 34.0 + 5.0 * t] {
             let limit = ended(&slope).unwrap();
             assert!(limit.kind == StopKind::Hold && limit.reason.contains("cable 2's"));

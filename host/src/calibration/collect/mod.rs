@@ -344,7 +344,12 @@ impl<L: Link> Session<'_, L> {
             });
             let tried = match self.go(&goal)? {
                 None => self.measure(source, &sketch)?,
-                Some(reason) => Waited::Nothing(reason),
+                Some(reason) => {
+                    // Where a cable has little tension, the straight ways to other poses may take it away, too. The way
+                    // home gives it back.
+                    self.go_home()?;
+                    Waited::Nothing(reason)
+                }
             };
             match tried {
                 Waited::Still(still) => {

@@ -213,6 +213,11 @@ impl<'a> Reach<'a> {
         !(least_n..=most_n).contains(&tension_n)
     }
 
+    /// The middle between the limits of a cable's tension, N.
+    pub(super) fn middle_n(&self, cable: usize) -> f64 {
+        0.5 * (self.least_n() + self.most_n(cable))
+    }
+
     /// Greatest tension of a cable, N: the brake's test passes there, too.
     fn most_n(&self, cable: usize) -> f64 {
         let robot = self.model.robot();
