@@ -128,7 +128,8 @@ pub struct Rank {
     pub unknowns: usize,
 }
 
-/// What the equations of equilibrium leave unexplained at a pose, new at every pose: standard deviations.
+/// What the equations of equilibrium leave unexplained at a pose, new at every pose: standard deviations, larger by what a region
+/// of 95 % needs because they were estimated from few poses (3 F(3, n) over chi-square(3)).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unexplained {
     /// Force, level and vertical, N.

@@ -5,7 +5,7 @@ use super::error::Refusal;
 use super::normal::{Normal, Reduced, Step, Weights};
 use super::rows::{Model, Source, singles};
 use super::unknowns::{Priors, State};
-use super::variance::{Rows, Widening, freedom, of_fisher};
+use super::variance::{Rows, Widening, freedoms, of_fisher};
 use mcdpr_kinematics::{Attempt, Damping, Descent};
 use nalgebra::DMatrix;
 
@@ -34,9 +34,10 @@ pub struct Minimum {
     pub sources: Vec<Vec<Source>>,
     /// Relative scatter of the tensions beyond the sensor's.
     pub tension_relative: f64,
-    /// Force that the equations of equilibrium leave unexplained, level and vertical, N.
+    /// Force that the equations of equilibrium leave unexplained, level and vertical, N: standard deviations, larger by what
+    /// a region of 95 % needs because they were estimated from few poses.
     pub force_n: [f64; 2],
-    /// Moment, about level axes and about the vertical, N m.
+    /// Moment, about level axes and about the vertical, N m, likewise.
     pub moment_nm: [f64; 2],
     /// The priors, as wide as the data want them.
     pub priors: Priors,
@@ -153,7 +154,7 @@ fn examine(
 }
 
 /// Rounds of widening priors and scatter before outliers are sought.
-const WIDENINGS: usize = 12;
+const WIDENINGS: usize = 40;
 
 /// Leverage of each row and covariance at a descent's end; `None` where either has no value.
 fn weighed(model: &Model<'_>, descent: &Descent<State, Normal>) -> Option<(Rows, DMatrix<f64>)> {
@@ -337,8 +338,11 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
         }
         if settled || round == 9 {
             // A scatter that comes from the data is itself uncertain.
-            let freedom = freedom(&model, &rows, &weights);
+            let freedoms = freedoms(&model, &rows, &weights);
+            let known = freedoms.iter().flatten().flatten();
+            let freedom = known.copied().reduce(|sum, one| sum + one);
             let covariance = covariance * freedom.map_or(1.0, of_fisher);
+            let [of_forces, of_moments] = freedoms;
             return Ok(Minimum {
                 state: descent.at,
                 normal: descent.linear,
@@ -348,8 +352,8 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
                 leverage: rows.leverage,
                 sources: rows.sources,
                 tension_relative: model.scatter.tension_relative,
-                force_n: model.scatter.force_n,
-                moment_nm: model.scatter.moment_nm,
+                force_n: uncertain(model.scatter.force_n, of_forces),
+                moment_nm: uncertain(model.scatter.moment_nm, of_moments),
                 priors: *priors,
                 iterations,
             });
@@ -358,6 +362,12 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
         iterations += descent.steps;
     }
     Err(unsolved("the rejected rows do not settle"))
+}
+
+/// Standard deviations that were estimated with these degrees of freedom, larger by what a region of 95 % needs for that.
+fn uncertain(sigmas: [f64; 2], freedoms: [Option<f64>; 2]) -> [f64; 2] {
+    let [level, vertical] = freedoms.map(|freedom| freedom.map_or(1.0, of_fisher).sqrt());
+    [sigmas[0] * level, sigmas[1] * vertical]
 }
 
 /// A row's residual; of a corner, the larger of both axes, since a corner is rejected as a whole.

@@ -24,7 +24,7 @@ pub(crate) struct Rows {
 /// Greatest change of a standard deviation in one round.
 const STEP: f64 = 8.0;
 /// A smaller change does not count.
-const LITTLE: f64 = 1.1;
+const LITTLE: f64 = 1.02;
 /// Redundancy below which a prior's residual says nothing but rounding.
 const NOTHING: f64 = 1e-9;
 /// Standard deviations of the mean square above which equilibrium counts as disturbed.
@@ -45,13 +45,13 @@ fn block_of(axis: usize) -> (usize, usize) {
     (axis / 3, usize::from(axis % 3 == 2))
 }
 
-/// Redundancy of the equations of equilibrium whose scatter the data have widened: the degrees of freedom of that
-/// estimate. `None` where nothing was widened.
-pub(crate) fn freedom(model: &Model<'_>, rows: &Rows, weights: &Weights) -> Option<f64> {
+/// Redundancy of the equations of equilibrium whose scatter the data have widened, force and moment, level and vertical:
+/// the degrees of freedom of these estimates. `None` where nothing was widened.
+pub(crate) fn freedoms(model: &Model<'_>, rows: &Rows, weights: &Weights) -> [[Option<f64>; 2]; 2] {
     let (now, least) = (model.scatter, model.assumed);
     let now = [now.force_n, now.moment_nm];
     let least = [least.force_n, least.moment_nm];
-    let mut sum = None;
+    let mut sums = [[None; 2]; 2];
     for (k, sources) in rows.sources.iter().enumerate() {
         for (j, source) in sources.iter().enumerate() {
             let Source::Balance(axis) = source else {
@@ -59,11 +59,11 @@ pub(crate) fn freedom(model: &Model<'_>, rows: &Rows, weights: &Weights) -> Opti
             };
             let (block, direction) = block_of(*axis);
             if now[block][direction] > least[block][direction] && weights[k][j] > 0.0 {
-                *sum.get_or_insert(0.0) += 1.0 - rows.leverage[k][j];
+                *sums[block][direction].get_or_insert(0.0) += 1.0 - rows.leverage[k][j];
             }
         }
     }
-    sum
+    sums
 }
 
 /// Factor on a covariance whose scale was estimated with this many degrees of freedom, so that the 95 % region of
