@@ -60,7 +60,7 @@ pub(super) fn measure<L: Link>(
 }
 
 /// What the board sampled in the last `seconds`; nothing where it does not sample.
-pub fn last_ticks<L: Link>(client: &Client<L>, seconds: f64) -> Vec<Row> {
+fn last_ticks<L: Link>(client: &Client<L>, seconds: f64) -> Vec<Row> {
     let mut rows = client.recent();
     #[expect(
         clippy::cast_possible_truncation,
