@@ -537,7 +537,11 @@ fn checked(key: ConfigKey, value: Option<i32>, low: i32, high: i32) -> Result<i3
 }
 
 /// A value that was just checked to be small.
-#[expect(clippy::cast_possible_truncation, reason = "it was checked")]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "it was checked"
+)]
 fn small(value: i32) -> u16 {
     debug_assert!(u16::try_from(value).is_ok());
     value as u16
