@@ -1,9 +1,9 @@
 //! Friction of winches while they work, from the samples of motions and rests.
 //!
-//! **In motion**, of winches held by tension. A drum that turns steadily tells its gear's friction: the motor's torque is that friction and the cable's tension
-//! over the gear's efficiency while it reels in, and the tension times the efficiency of back-driving less the friction
-//! while it pays out (the model of the robot file, as `commission` identifies it). A motion is cut into stretches of a
-//! tenth of a second; a parabola through the drum's way gives speed and acceleration of each, and those in which the
+//! **In motion**, of winches held by tension. A drum that turns steadily tells its gear's friction: the motor's torque is
+//! that friction and the cable's tension over the gear's efficiency while it reels in, and the tension times the
+//! efficiency of back-driving less the friction while it pays out (the model of the robot file, as `commission`
+//! identifies it). A motion is cut into stretches of a tenth of a second; a parabola through the drum's way gives speed and acceleration of each, and those in which the
 //! drum turns clearly are averaged.
 //!
 //! Only a gear that rubs clearly shows it: one that loses a tenth more torque than its file says looks the same, in both
@@ -204,7 +204,8 @@ impl Frictions {
                     CONSTANT,
                     EFFICIENCY * whole.tension_n.abs() / self::rubs_n(winch),
                 );
-                turning.learn(rubs_n, self::rubs_n(winch), STRETCH_N, seconds);
+                turning.pass(seconds);
+                turning.learn(rubs_n, self::rubs_n(winch), STRETCH_N);
                 turning.common_se = common;
             }
         }
@@ -217,6 +218,7 @@ impl Frictions {
             let Some(turning) = cable.as_mut().filter(|turning| !turning.by_tension) else {
                 continue;
             };
+            turning.pass(seconds.max(0.0));
             let tensions = ticks.iter().filter_map(|tick| tick.tensions_n.get(index));
             let currents = ticks.iter().filter_map(|tick| tick.currents_a.get(index));
             let (tension_n, scatter_n) = mean_and_deviation(tensions.copied());
@@ -226,7 +228,7 @@ impl Frictions {
                 Some((swing::rubs_n(winch, ends_a, tension_n)?, rubs_n(winch)))
             });
             if let Some((rubs_n, file_n)) = found {
-                turning.learn(rubs_n, file_n, STRETCH_N.max(scatter_n), seconds.max(0.0));
+                turning.learn(rubs_n, file_n, STRETCH_N.max(scatter_n));
                 let known = libm::hypot(CONSTANT, STATIC);
                 turning.common_se = libm::hypot(known, EFFICIENCY * tension_n.abs() / file_n);
             }
@@ -252,10 +254,15 @@ fn mean_and_deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
 }
 
 impl Turning {
-    /// One more friction, N, with this standard deviation, N, of a winch with `file_n`, `seconds` after the last.
-    fn learn(&mut self, rubs_n: f64, file_n: f64, deviation_n: f64, seconds: f64) {
-        let drift = DRIFT_PER_SQRT_S * DRIFT_PER_SQRT_S * seconds;
-        let before = (self.own_se * self.own_se + drift).min(PRIOR * PRIOR);
+    /// So many seconds pass, in which a gear warms up or cools down.
+    fn pass(&mut self, seconds: f64) {
+        let drift = DRIFT_PER_SQRT_S * seconds.sqrt();
+        self.own_se = libm::hypot(self.own_se, drift).min(PRIOR);
+    }
+
+    /// One more friction, N, with this standard deviation, N, of a winch with `file_n`.
+    fn learn(&mut self, rubs_n: f64, file_n: f64, deviation_n: f64) {
+        let before = self.own_se * self.own_se;
         let noise = (deviation_n / file_n).max(STRETCH_SHARE).powi(2);
         let gain = before / (before + noise);
         self.share += gain * (rubs_n / file_n - self.share);
@@ -392,6 +399,40 @@ mod tests {
             frictions.take(&model, tick, &[0.4; 4], &[9.0; 4], &[0.3; 4]);
         }
         assert_eq!(frictions.all(), before);
+    }
+
+    #[test]
+    fn rests_at_which_a_winch_shows_nothing_make_its_friction_uncertain_again() {
+        fn ticks(currents_a: &[Vec<f64>]) -> Vec<Ticked<'_>> {
+            let tick = |currents_a| Ticked {
+                tensions_n: &[13.8; 4],
+                currents_a,
+            };
+            currents_a.iter().map(|a| tick(a.as_slice())).collect()
+        }
+        let model = model();
+        let mut frictions = Frictions::new(&model);
+        // As measured on cable 1 under 13.8 N, 900 ms from end to end and back, with the file's friction.
+        let swing = |tick: usize| {
+            let phase = (tick % 900) as f64 / 450.0;
+            let share = (1.25 * (1.0 - phase).abs() - 0.125).clamp(0.0, 1.0);
+            vec![-0.316 + share * 0.378; 4]
+        };
+        let currents: Vec<Vec<f64>> = (0..2000).map(swing).collect();
+        for _ in 0..3 {
+            frictions.rested(&model, &ticks(&currents), 20.0);
+        }
+        let found = frictions.all()[0].unwrap();
+        assert!((found.share - 1.0).abs() < 0.1, "{found:?}");
+        assert_eq!(frictions.all()[3], None, "held by tension");
+        let still = vec![vec![-0.1; 4]; 2000];
+        frictions.rested(&model, &ticks(&still), 600.0);
+        let later = frictions.all()[0].unwrap();
+        assert!((later.share - found.share).abs() < 1e-12);
+        assert!(
+            later.share_se > found.share_se + 0.03,
+            "{found:?} {later:?}"
+        );
     }
 
     #[test]
