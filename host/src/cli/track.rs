@@ -233,8 +233,10 @@ fn frictions(all: &[Option<Friction>]) -> Vec<String> {
                 "{line}: beyond {least} to {most} times it is no change of temperature; look at the winch, and \
                  commission it again"
             )
-        } else {
+        } else if (found.used() - 1.0).abs() > f64::EPSILON {
             format!("{line}; plans use it now, the board from the next tracked run on")
+        } else {
+            format!("{line}: not known well enough, plans keep the file's value")
         }
     });
     words.collect()
