@@ -547,7 +547,7 @@ fn small(value: i32) -> u16 {
     value as u16
 }
 
-/// A value whose factors were checked: it has 32 bits. Host builds prove it.
+/// A value that 32 bits hold by the ranges of its factors, which were checked. Host builds assert it.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "it follows from its factors' ranges"
