@@ -160,6 +160,21 @@ fn frames_that_shook_or_stretched_run_on_machines_that_are_off() {
     assert!(checked.contains("little reserve"), "{checked}");
 }
 
+/// Twice the gain of `paper-table5` shakes behind its gear: refused, with gain, play and what the tension does.
+#[test]
+fn gains_that_hunt_are_refused_with_the_numbers() {
+    let folder = Folder::new("own-hunts");
+    let file = folder.robot("paper-table5", "hunts.toml", &[("kp = 4.0 ", "kp = 8.0 ")]);
+    let said = refused(folder.path(), &["config", "check", file.to_str().unwrap()]);
+    for part in [
+        "the tension shakes by",
+        "kp is 8 mm/s per N",
+        "1.00 degrees of play",
+    ] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+}
+
 #[test]
 fn an_own_frame_is_calibrated_and_picks() {
     let folder = Folder::new("own-pick");

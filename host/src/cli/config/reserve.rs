@@ -99,8 +99,9 @@ pub(super) fn judge(model: &Model, out: &mut Physics) {
     let trial = Trial::new(model);
     if let Err(error) = trial.passes(model, 1) {
         out.problems.push(format!(
-            "simulation: it does not hold at home, or cannot move: {error}; softer cables (ea_n), or other gains of \
-             [tension] (`mcdpr tune tension`)"
+            "simulation: it does not hold at home, or cannot move: {error}; {}: softer cables (ea_n), or other gains of \
+             [tension] (`mcdpr tune tension`)",
+            gains_and_play(model)
         ));
         return;
     }
@@ -123,6 +124,24 @@ pub(super) fn judge(model: &Model, out: &mut Physics) {
              smaller kp of [tension] has more"
         ),
     });
+}
+
+/// The gains of the tension loop and the widest play of the winches that it turns: what may make it hunt.
+fn gains_and_play(model: &Model) -> String {
+    let robot = model.robot();
+    let unit = match robot.tension.output {
+        TensionOutput::Velocity => "mm/s per N",
+        TensionOutput::Current => "N/N",
+    };
+    let held = model.holding().by_tension().iter();
+    let gears = held.filter_map(|&cable| robot.winch_of(cable)?.gear.as_ref());
+    let play_deg = gears
+        .map(|gear| gear.play_rad.to_degrees())
+        .fold(0.0, f64::max);
+    format!(
+        "kp is {} {unit}, and the gears behind it have up to {play_deg:.2} degrees of play",
+        robot.tension.kp
+    )
 }
 
 /// Lines of `[tension]` with softer gains for a robot that has too little reserve; `None` where its own are
