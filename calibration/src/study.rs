@@ -219,8 +219,9 @@ pub fn slip_trial(setup: &Setup, options: &Options) -> Option<SlipEnd> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::simulate::Target;
+    use super::super::simulate::{FOUND, Target};
     use super::*;
+    use mcdpr_kinematics::GRAVITY_MPS2;
 
     fn found(seed: u64) -> Setup {
         Setup {
@@ -257,6 +258,20 @@ mod tests {
         assert!(inside / count > 0.85, "{}", inside / count);
         let sigmas = f64::sqrt(squares / drums);
         assert!((0.6..1.4).contains(&sigmas), "{sigmas}");
+    }
+
+    #[test]
+    fn what_statics_leave_unexplained_is_stated_as_large_as_it_is() {
+        let mut shares = Vec::new();
+        for seed in 201..=216 {
+            let (data, _) = simulate(&found(seed)).unwrap();
+            let answer = joint(&data, &Options::default()).unwrap();
+            let weight_n = answer.further.unwrap().statics.unwrap().mass_kg * GRAVITY_MPS2;
+            shares.push(answer.unexplained.unwrap().moment_nm[0] / (FOUND.moment_m * weight_n));
+        }
+        let mean = shares.iter().sum::<f64>() / 16.0;
+        println!("level moment, stated over true: {mean:.3} {shares:.2?}");
+        assert!((0.98..1.25).contains(&mean), "{mean} {shares:.2?}");
     }
 
     #[test]
