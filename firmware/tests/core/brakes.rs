@@ -92,6 +92,15 @@ fn s4_a_reversed_winch_gives_no_torque_at_once_and_the_others_hold_until_the_bra
                 .iter()
                 .all(|drive| *drive == DriveDemand::Off)
         );
+        // Mended, cleared and armed again, it works as before.
+        bench.tamper = |_| {};
+        bench.run(5);
+        bench.request(Request::ClearFault).unwrap();
+        bench.reference();
+        bench.arm().unwrap();
+        bench.until(State::Holding, 3000);
+        assert_ne!(bench.step().drives[index], DriveDemand::Off);
+        assert_eq!(bench.step().brakes[index], Brake::Open);
     }
 }
 
