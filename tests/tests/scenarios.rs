@@ -226,7 +226,7 @@ fn s4_c3_c5_d1_l18_p2_are_noticed_by_their_names_and_in_their_time() {
 }
 
 /// Its own winch alone gives no torque; the others hold until the brakes have closed. With every torque off (STOP0), light drums
-/// fell by 4 to 7 mm.
+/// fell by 3.4 to 7 mm here.
 #[test]
 fn s4_a_reversed_winch_of_light_drums_does_not_let_the_load_fall() {
     for (name, cables) in [("eight-cable", 8), ("lab-fast", 4)] {
