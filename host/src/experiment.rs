@@ -25,23 +25,26 @@ mod laps;
 
 pub(crate) use collected::{calibrated, collected, over_board};
 pub(crate) use laps::Looking;
-use laps::{Keep, Laps, Noting, Tracked, Truth, simulated_eyes};
+pub(crate) use laps::simulated_eyes;
+use laps::{Keep, Laps, Noting, Tracked, Truth};
 
 use crate::control::Handle;
 use crate::link::{Link, Paced, SimulatedLink};
 use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Plan, PlanError, Task};
 use crate::record::events::{EventBus, TruthTap, Watched};
-use crate::report::{self, Figures, PathPoint};
+use crate::report::{self, Figures, PathPoint, tube::share_inside};
 use crate::robot::Robot;
 use crate::run::tracking::{Lesson, Tracking};
 use crate::run::{self, Homing, Measured, Progress, ResumeError, RunError, Session};
 use crate::sight::Scene;
+use mcdpr_core::estimate::tube::Tube;
 use mcdpr_core::recovery::{Journal, JournalError};
 use mcdpr_kinematics::Pose;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation};
 use nalgebra::{Rotation3, Vector3};
+use serde::Serialize;
 use std::time::{Duration, Instant};
 
 /// Modules on the board whose firmware the emulated chip executes.
@@ -63,6 +66,21 @@ pub struct Run {
     pub simulated: bool,
     /// Figures of every lap, if the task was repeated; the other fields are those of the last.
     pub laps: Vec<Figures>,
+    /// The tube that the plan stated by what was tracked, if the robot was.
+    pub(crate) tube: Option<Tube>,
+    /// What the plan of each lap stated, if the task was repeated and the robot tracked.
+    pub(crate) stated: Vec<Stated>,
+}
+
+/// What a plan stated of the tool's error, and whether it held.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct Stated {
+    /// Mean radius of 95 %, m.
+    pub(crate) mean_m: f64,
+    /// Greatest radius, m.
+    pub(crate) widest_m: f64,
+    /// Share of the path with the tool inside; `None` on hardware.
+    pub(crate) inside: Option<f64>,
 }
 
 impl Run {
@@ -74,6 +92,17 @@ impl Run {
         let truth = self.true_path.as_deref();
         let figures = report::measure(model, &self.plan, &self.samples, truth)?;
         Ok(figures.with_attitude(model, &self.plan, self.true_turns.as_deref()))
+    }
+
+    /// What the plan stated by what was tracked, if the robot was.
+    pub(crate) fn stated(&self) -> Option<Stated> {
+        let tube = self.tube.as_ref()?;
+        let truth = self.true_path.as_deref();
+        Some(Stated {
+            mean_m: tube.mean_m,
+            widest_m: tube.widest.radius_m,
+            inside: truth.map(|points| share_inside(&self.plan, tube, points)),
+        })
     }
 }
 

@@ -4,10 +4,11 @@ use super::saved::{Implausible, LengthStore, Saved, board_name};
 use super::tracking::{AtRest, Lesson, Tracking};
 use super::{Progress, Recorder, RunError, follow_plan, joined_to, lead_in, resting};
 use crate::control::Handle;
+use crate::estimate::tube::{Doubts, Tube};
 use crate::estimate::{EstimateError, Measurements, Sigmas, estimate};
 use crate::link::{Client, Link, Note};
 use crate::machine;
-use crate::motion::{Model, Plan, PlanError, StaticState, Task, TaskError};
+use crate::motion::{Model, Plan, PlanError, StaticState, Step, Task, TaskError};
 use crate::recovery::Journal;
 use crate::robot::{Control, TagPlace};
 use crate::sight::TagSource;
@@ -43,6 +44,7 @@ pub struct Planning {
     model: Model,
     tool_m: Vector3<f64>,
     attitude: Rotation3<f64>,
+    tracking: Option<Tracking>,
 }
 
 impl Planning {
@@ -52,6 +54,39 @@ impl Planning {
     /// The first limit that would be broken.
     pub fn plan(&self, task: Task, speed_mps: Option<f64>) -> Result<Plan, RunError> {
         plan_turned(&self.model, task, &self.tool_m, self.attitude, speed_mps)
+    }
+
+    /// Plans steps from where the tool is.
+    ///
+    /// # Errors
+    /// The first limit that would be broken.
+    pub fn steps(&self, steps: &[Step]) -> Result<Plan, PlanError> {
+        Plan::turned(&self.model, &self.tool_m, self.attitude, steps)
+    }
+
+    /// The model that plans are made with.
+    #[must_use]
+    pub const fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Where the tool is, world, m.
+    #[must_use]
+    pub const fn tool_m(&self) -> Vector3<f64> {
+        self.tool_m
+    }
+
+    /// The tube of a plan by what is tracked, at the end of the plan; `None` without tracking, and where the platform does
+    /// not hang firmly enough.
+    ///
+    /// # Errors
+    /// None for a plan that was made.
+    pub fn tube(&self, plan: &Plan, doubts: &Doubts) -> Result<Option<Tube>, PlanError> {
+        let Some(tracking) = &self.tracking else {
+            return Ok(None);
+        };
+        let belief = tracking.belief(plan.timed.duration_s(), doubts);
+        Tube::along(plan, &belief)
     }
 }
 
@@ -306,6 +341,7 @@ impl<'m, L: Link> Session<'m, L> {
             model: self.planner().clone(),
             tool_m: self.tool_m(),
             attitude: self.at.equilibrium.pose.rotation,
+            tracking: self.tracking.clone(),
         }
     }
 

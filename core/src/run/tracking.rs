@@ -5,6 +5,7 @@ use super::Measured;
 use crate::estimate::Measurements;
 use crate::estimate::friction::{Friction, Frictions, Ticked};
 use crate::estimate::track::{Kept, KeptError, Load, Prior, Pulleys, Tracker};
+use crate::estimate::tube::{Belief, Doubts};
 use crate::link::client::Row;
 use crate::motion::{Model, PlanError};
 use crate::robot::TagPlace;
@@ -179,6 +180,19 @@ impl Tracking {
     #[must_use]
     pub fn last_n(&self) -> &[f64] {
         &self.last_n
+    }
+
+    /// What is known of the machine in `seconds`, for the tube of a plan that ends then; `doubts` are those of errors that
+    /// are not tracked.
+    #[must_use]
+    pub fn belief(&self, seconds: f64, doubts: &Doubts) -> Belief {
+        let setpoint_n = self.described.robot().tension.setpoint_n;
+        let tensions_n = if self.last_n.is_empty() {
+            vec![setpoint_n; self.described.robot().cables.len()]
+        } else {
+            self.last_n.clone()
+        };
+        self.tracker.belief(seconds, &tensions_n, doubts)
     }
 
     /// The payload, if there is one.

@@ -10,10 +10,11 @@ use super::track::{Started, Track, remember, words};
 use super::{Common, Failed, Outcome, print_json};
 use crate::chart::PlotFormat;
 use crate::control::Handle;
-use crate::experiment::{Experiment, Looking, Run, SimulatedRobot};
+use crate::experiment::{Experiment, Looking, Run, SimulatedRobot, Stated};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task, Watch};
 use crate::record::{Doing, Watched, task_source};
+use crate::report::tube::share_inside;
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::saved::scale_of;
@@ -67,6 +68,9 @@ struct Document {
     /// What each rest taught, if the robot was tracked.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     rests: Vec<Lesson>,
+    /// The tool's error that each lap's plan stated, if the robot was tracked.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    tubes: Vec<Stated>,
 }
 
 impl Cmd {
@@ -176,7 +180,13 @@ impl Cmd {
             incomplete(&error);
         }
         let figures = run.figures(&model)?;
+        let tubes = if run.stated.is_empty() {
+            run.stated().into_iter().collect()
+        } else {
+            run.stated.clone()
+        };
         let document = Document {
+            tubes,
             figures,
             duration_s: run.plan.timed.duration_s(),
             simulated: run.simulated,
@@ -207,6 +217,9 @@ impl Cmd {
         }
         if !document.rests.is_empty() {
             say!("{}", words(&document.rests));
+        }
+        if let Some(stated) = stated_words(&document.tubes) {
+            say!("{stated}");
         }
         say!("run folder: {}", folder.path().display());
         Ok(())
@@ -281,6 +294,34 @@ fn lap_words(laps: &[Figures]) -> Option<String> {
     ))
 }
 
+/// What the plans of tracked laps stated of the tool's error, and whether it held, in a sentence.
+fn stated_words(tubes: &[Stated]) -> Option<String> {
+    let (first, last) = tubes.first().zip(tubes.last())?;
+    let plans = match tubes.len() {
+        1 => format!(
+            "the plan stated the tool within {:.2} mm",
+            last.mean_m * 1e3
+        ),
+        _ => format!(
+            "the first plan stated the tool within {:.2} mm, the last within {:.2} mm",
+            first.mean_m * 1e3,
+            last.mean_m * 1e3
+        ),
+    };
+    let words = format!("{plans} of the path (95 %, mean radius), by what is tracked");
+    let inside: Option<Vec<f64>> = tubes.iter().map(|tube| tube.inside).collect();
+    Some(match inside {
+        Some(shares) => {
+            let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+            format!(
+                "{words}; the simulated tool was inside for {:.1} % of the path",
+                mean * 100.0
+            )
+        }
+        None => words,
+    })
+}
+
 /// Height of the tool when a level platform's origin is at `z_mm`, m.
 pub(crate) fn tool_height_m(robot: &Robot, z_mm: f64) -> f64 {
     z_mm * 1e-3 + robot.tool.tcp_in_platform_m.z
@@ -309,9 +350,15 @@ fn save(model: &Model, name: &str, run: &Run, folder: &RunFolder, plots: PlotFor
     folder
         .write_json("robot.json", model.robot())
         .map_err(failed())?;
-    let belief = super::plan::Known::default().belief(model.robot())?;
-    if let Some(tube) = Tube::along(&run.plan, &belief)? {
-        let inside = truth.map(|points| crate::study::tube::share_inside(&run.plan, &tube, points));
+    let tube = match &run.tube {
+        Some(tube) => Some(tube.clone()),
+        None => {
+            let belief = super::plan::Known::default().belief(model.robot())?;
+            Tube::along(&run.plan, &belief)?
+        }
+    };
+    if let Some(tube) = tube {
+        let inside = truth.map(|points| share_inside(&run.plan, &tube, points));
         let about = serde_json::json!({
             "words": tube.words(), "mean_m": tube.mean_m, "widest": tube.widest, "inside": inside,
         });

@@ -8,6 +8,7 @@ use crate::robot::{Robot, TagPlace};
 use crate::run::tracking::{Lesson, Tracking};
 use crate::run::{Progress, Recorder, RunError, Session, Sight};
 use crate::sight::{Scene, SimulatedTags, TagSource};
+use mcdpr_core::estimate::tube::{Doubts, Tube};
 use mcdpr_simulator::TracePoint;
 
 /// Called after every rest that was taken note of.
@@ -18,7 +19,7 @@ pub(super) type Keep = dyn FnMut(&Tracking) + Send;
 pub(super) type Truth<'a> = dyn FnMut() -> Vec<TracePoint> + 'a;
 
 /// A camera and the places of its tags.
-type Eyes<'a> = (Box<dyn TagSource + 'a>, Vec<TagPlace>);
+pub(crate) type Eyes<'a> = (Box<dyn TagSource + 'a>, Vec<TagPlace>);
 
 /// Which camera sees the robot's tags at its rests.
 pub(crate) enum Looking<'a> {
@@ -48,7 +49,7 @@ const CORNER_PX: f64 = 0.1;
 
 /// The simulated robot's camera and the places of its tags. A robot that was not calibrated on the simulator counts
 /// as one whose camera and tags were calibrated elsewhere.
-pub(super) fn simulated_eyes<'a>(robot: &Robot, link: &SimulatedLink, seed: u64) -> Eyes<'a> {
+pub(crate) fn simulated_eyes<'a>(robot: &Robot, link: &SimulatedLink, seed: u64) -> Eyes<'a> {
     let (scene, places) = match &robot.calibrated {
         Some(calibrated) => (Scene::of(robot, seed), calibrated.places.clone()),
         None => {
@@ -106,12 +107,12 @@ impl Laps<'_> {
         session: &mut Session<'_, L>,
         first: Plan,
     ) -> Result<Run, RunError> {
-        let mut plan = first;
+        let (mut plan, mut tube) = (first, None);
         if let Some(noting) = &mut self.noting {
             noting.rest(session)?;
-            plan = self.plan(session)?;
+            (plan, tube) = self.plan(session)?;
         }
-        let mut figures = Vec::new();
+        let (mut figures, mut stated) = (Vec::new(), Vec::new());
         loop {
             let mut recorder = Recorder::default();
             session.follow(&plan, &mut recorder, &mut self.progress)?;
@@ -125,25 +126,37 @@ impl Laps<'_> {
                 true_turns: None,
                 simulated: false,
                 laps: Vec::new(),
+                tube,
+                stated: Vec::new(),
             };
             if self.count <= 1 {
                 return Ok(run);
             }
             self.judge(&mut run);
+            stated.extend(run.stated());
             let model = self.model;
             figures.push(meanwhile(session.client(), || run.figures(model))??);
             if figures.len() >= self.count {
                 run.laps = figures;
+                run.stated = stated;
                 return Ok(run);
             }
-            plan = self.plan(session)?;
+            (plan, tube) = self.plan(session)?;
         }
     }
 
-    /// Plans the task from where the tool of the armed robot is, while its board is kept fed.
-    fn plan<L: Link>(&self, session: &mut Session<'_, L>) -> Result<Plan, RunError> {
+    /// Plans the task from where the tool of the armed robot is, while its board is kept fed; with the tube that the plan
+    /// states, if the robot is tracked.
+    fn plan<L: Link>(
+        &self,
+        session: &mut Session<'_, L>,
+    ) -> Result<(Plan, Option<Tube>), RunError> {
         let (planning, task) = (session.planning(), self.task.clone());
-        meanwhile(session.client(), || planning.plan(task, None))?
+        meanwhile(session.client(), || {
+            let plan = planning.plan(task, None)?;
+            let tube = planning.tube(&plan, &Doubts::by_tape())?;
+            Ok((plan, tube))
+        })?
     }
 
     /// Adds the truth of a simulated robot's last motion.

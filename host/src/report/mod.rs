@@ -8,6 +8,7 @@ mod plot;
 mod predict_plot;
 mod robot_plot;
 pub mod tables;
+pub(crate) mod tube;
 
 pub use figures::{Figures, measure};
 pub(crate) use folder::{RUNS, RunFolder, write_samples};

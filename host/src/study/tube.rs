@@ -1,13 +1,17 @@
 //! The tube that plans state, judged by simulated machines that it does not know.
 
 use crate::control::Handle;
-use crate::experiment::SimulatedRobot;
+use crate::experiment::{SimulatedRobot, simulated_eyes};
+use crate::link::SimulatedLink;
 use crate::machine::{Controller, Mismatch};
 use crate::motion::path::{Path, PathError, Piece};
 use crate::motion::{Model, Plan, PlanError, Step};
 use crate::report;
-use crate::run::{Homing, NoStore, Recorder, RunError, Session};
-use mcdpr_core::estimate::tube::{Belief, Tube};
+use crate::report::tube::{Ratio, ratios};
+use crate::run::tracking::Tracking;
+use crate::run::{Homing, NoStore, Recorder, RunError, Session, Sight};
+use mcdpr_core::estimate::track::Prior;
+use mcdpr_core::estimate::tube::{Belief, Doubts, Tube};
 use mcdpr_core::random::Random;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::Simulation;
@@ -51,9 +55,28 @@ pub struct Audit {
 /// # Errors
 /// The last refusal, where no way was found.
 fn random_plan(model: &Model, random: &mut Random) -> Result<Plan, PlanError> {
+    let home = model.robot().tool.home_in_world_m;
+    plan_from(
+        model,
+        &home,
+        &|steps| Plan::new(model, &home, steps),
+        random,
+    )
+}
+
+/// Makes a plan of steps.
+type Make<'a> = dyn Fn(&[Step]) -> Result<Plan, PlanError> + 'a;
+
+/// A random plan from a place of the tool (world, m), within every limit.
+fn plan_from(
+    model: &Model,
+    first: &Vector3<f64>,
+    make: &Make<'_>,
+    random: &mut Random,
+) -> Result<Plan, PlanError> {
     let mut refused = PlanError::Path(PathError::Empty);
     for _ in 0..TRIES {
-        match drawn(model, random) {
+        match drawn(model, first, random).and_then(|steps| make(&steps)) {
             Ok(plan) => return Ok(plan),
             Err(error) => refused = error,
         }
@@ -61,11 +84,10 @@ fn random_plan(model: &Model, random: &mut Random) -> Result<Plan, PlanError> {
     Err(refused)
 }
 
-fn drawn(model: &Model, random: &mut Random) -> Result<Plan, PlanError> {
+fn drawn(model: &Model, first: &Vector3<f64>, random: &mut Random) -> Result<Vec<Step>, PlanError> {
     let robot = model.robot();
     let [low, high] = robot.search_box_in_world_m();
-    let mut at_m = robot.tool.home_in_world_m;
-    let first = at_m;
+    let mut at_m = *first;
     let count = LEGS[0] + random.below(LEGS[1] - LEGS[0] + 1);
     let mut steps = Vec::new();
     for _ in 0..count {
@@ -95,7 +117,7 @@ fn drawn(model: &Model, random: &mut Random) -> Result<Plan, PlanError> {
             speed_mps: Some(speed_mps),
         });
     }
-    Plan::new(model, &first, &steps)
+    Ok(steps)
 }
 
 /// Plans at random and runs the plan on the machine of this seed. A machine that a fault stops counts as far
@@ -120,7 +142,82 @@ pub fn audit(
     let mut session = Session::open(model, link.clone(), SessionId(1), handle, homing, &NoStore)?;
     session.arm()?;
     link.with(Simulation::record_truth);
-    let followed = session.follow(&plan, &mut Recorder::default(), |_| {});
+    judged(&mut session, &link, &plan, tube.as_ref(), seed)
+}
+
+/// A tracked robot, at its rests: what is assumed at its start, and whether it sees its tags.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct AtRests<'a> {
+    /// What is assumed before the first rest.
+    pub(crate) prior: &'a Prior,
+    /// Whether the simulated camera looks at every rest.
+    pub(crate) looks: bool,
+}
+
+/// Plans at random, again and again, on one machine that is tracked: each plan follows a rest, starts where the one before
+/// ended, and states its tube by what is tracked then. A fault ends it; its plan counts as far as it came.
+///
+/// # Errors
+/// As a run on the simulator, where it did not begin to move.
+pub(crate) fn audit_tracked(
+    model: &Model,
+    rests: AtRests<'_>,
+    mismatch: Mismatch,
+    seed: u64,
+    plans: usize,
+    (controller, handle): (&Controller, &Handle),
+) -> Result<Vec<Audit>, RunError> {
+    let mut random = Random::new(seed ^ 0x7475_6265);
+    let robot = SimulatedRobot::new(mismatch, seed).controller(controller);
+    let link = robot.at_home(model)?;
+    let homing = Homing::Place(model.robot().tool.home_in_world_m);
+    let mut eyes = rests
+        .looks
+        .then(|| simulated_eyes(model.robot(), &link, seed));
+    let mut session = Session::open(model, link.clone(), SessionId(1), handle, homing, &NoStore)?;
+    session.track(Tracking::new(model, rests.prior), None)?;
+    session.arm()?;
+    link.with(Simulation::record_truth);
+    let mut audits: Vec<Audit> = Vec::new();
+    for _ in 0..plans {
+        let sight = eyes.as_mut().map(|(camera, places)| Sight {
+            camera: camera.as_mut(),
+            places,
+        });
+        if let Some(noticed) = session.notice(sight)? {
+            session.learnt(noticed.learn()?);
+        }
+        let planning = session.planning();
+        let make = |steps: &[Step]| planning.steps(steps);
+        let plan = plan_from(planning.model(), &planning.tool_m(), &make, &mut random)?;
+        let tube = planning.tube(&plan, &Doubts::by_tape())?;
+        link.with(Simulation::take_trace);
+        match judged(&mut session, &link, &plan, tube.as_ref(), seed) {
+            Ok(audit) => {
+                let ended = audit.stopped.is_some();
+                audits.push(audit);
+                if ended {
+                    return Ok(audits);
+                }
+            }
+            Err(RunError::Interrupted) => return Err(RunError::Interrupted),
+            Err(_) if !audits.is_empty() => return Ok(audits),
+            Err(error) => return Err(error),
+        }
+    }
+    session.disarm()?;
+    Ok(audits)
+}
+
+/// Follows a plan and judges its tube by the tool's true path.
+fn judged(
+    session: &mut Session<'_, SimulatedLink>,
+    link: &SimulatedLink,
+    plan: &Plan,
+    tube: Option<&Tube>,
+    seed: u64,
+) -> Result<Audit, RunError> {
+    let followed = session.follow(plan, &mut Recorder::default(), |_| {});
     let path = report::true_path(&link.with(Simulation::take_trace));
     let stopped = match followed {
         Ok(()) => None,
@@ -128,7 +225,7 @@ pub fn audit(
         Err(error) if path.is_empty() => return Err(error),
         Err(error) => Some(error.to_string()),
     };
-    let ratios = ratios(&plan, tube.as_ref(), &path);
+    let ratios = ratios(plan, tube, &path);
     let count = ratios.len().max(1) as f64;
     let mean = |of: &dyn Fn(&Ratio) -> f64| ratios.iter().map(of).sum::<f64>() / count;
     let (radius_mean_m, error_mean_m) = (mean(&|r| r.radius_m), mean(&|r| r.error_m));
@@ -144,42 +241,4 @@ pub fn audit(
         needed: super::quantile(ratios.iter().map(Ratio::of).collect(), 0.95),
         stopped,
     })
-}
-
-/// Share of a true path that lies inside a tube; 1 for an empty path.
-pub(crate) fn share_inside(plan: &Plan, tube: &Tube, path: &[report::PathPoint]) -> f64 {
-    let all = ratios(plan, Some(tube), path);
-    let inside = all.iter().filter(|ratio| ratio.of() <= 1.0).count();
-    if all.is_empty() {
-        1.0
-    } else {
-        inside as f64 / all.len() as f64
-    }
-}
-
-/// Error of the tool, and the radius that was stated there, m.
-struct Ratio {
-    error_m: f64,
-    radius_m: f64,
-}
-
-impl Ratio {
-    fn of(&self) -> f64 {
-        self.error_m / self.radius_m.max(1e-9)
-    }
-}
-
-/// Point by point of a true path. Without a tube every point is outside.
-fn ratios(plan: &Plan, tube: Option<&Tube>, path: &[report::PathPoint]) -> Vec<Ratio> {
-    let duration_s = plan.timed.duration_s();
-    let points = path.iter().filter(|point| point.path_s <= duration_s);
-    points
-        .filter_map(|point| {
-            let planned_m = plan.timed.tool_m(point.path_s).ok()?;
-            Some(Ratio {
-                error_m: (Vector3::from(point.tool_m) - planned_m).norm(),
-                radius_m: tube.map_or(0.0, |tube| tube.radius_m(point.path_s)),
-            })
-        })
-        .collect()
 }

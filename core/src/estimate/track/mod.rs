@@ -6,6 +6,7 @@
 //! and creep follows a model with two retardation times (Piao et al., 2017) whose size is itself a state.
 //! What nothing observes keeps its uncertainty. Rests that do not fit are not used: see [`Report`].
 
+mod errors;
 mod estimates;
 mod gaussian;
 mod kept;

@@ -2,6 +2,7 @@
 
 use super::gaussian::{Gaussian, Linear};
 use super::*;
+use crate::estimate::tube::Doubts;
 use crate::random::Random;
 use crate::robot::Robot;
 
@@ -220,4 +221,60 @@ fn a_bent_camera_is_named_by_two_looks_though_rests_between_them_fit() {
     let named = tracker.rest(&measured, &hauled, &near).named.unwrap();
     assert_eq!(named.what, Moved::Camera, "{named:?}");
     assert!((named.by.norm() - 3e-3).abs() < 1e-3, "{named:?}");
+}
+
+#[test]
+fn the_tube_of_tracked_states_is_as_wide_as_their_region() {
+    let model = model();
+    let mut tracker = Tracker::new(
+        &model,
+        &Prior {
+            step_m: 1.0,
+            // The region lets the mean loss move the tool, plans do not know of it.
+            loss: [0.0, 0.01],
+            ..Prior::default()
+        },
+    );
+    let doubts = Doubts {
+        attachment_m: 0.0,
+        ..Doubts::within(5e-3)
+    };
+    let mut widths_m = Vec::new();
+    for by in [
+        [0.0; 3],
+        [0.05, 0.0, -0.1],
+        [0.1, 0.1, -0.05],
+        [0.0, 0.1, -0.1],
+    ] {
+        let (measured, hauled, near) = exact(&model, by);
+        let planner = tracker.model(&model).unwrap();
+        let rest = planner
+            .rest_from_lengths(&measured.lengths_m, &measured.tensions_n)
+            .unwrap();
+        let tensions_n = rest.tensions_n().to_vec();
+        let belief = tracker.belief(0.0, &tensions_n, &doubts);
+        let platform = belief.platform_at(&planner, &rest).unwrap().unwrap();
+        let said = tracker.region(&measured, &[1.0; 4], &near).unwrap();
+        let arm = rest.equilibrium.pose.rotation * model.robot().tool.tcp_in_platform_m;
+        let mut by_pose = nalgebra::Matrix3x6::zeros();
+        by_pose
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&Matrix3::identity());
+        by_pose
+            .fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&-arm.cross_matrix());
+        let tool = by_pose * platform * by_pose.transpose();
+        let ratio = (tool.trace() / said.covariance_m2.trace()).sqrt();
+        widths_m.push((
+            ratio,
+            tool.trace().sqrt(),
+            said.covariance_m2.trace().sqrt(),
+        ));
+        tracker.rest(&measured, &hauled, &near);
+    }
+    // Before the first rest a region is narrower: it uses the length of the tension-held cable, too, of which a plan knows
+    // nothing.
+    for (ratio, ..) in &widths_m[1..] {
+        assert!((0.95..1.1).contains(ratio), "{widths_m:?}");
+    }
 }

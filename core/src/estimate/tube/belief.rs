@@ -6,7 +6,7 @@ use mcdpr_kinematics::{CablePath, CableVec, GRAVITY_MPS2};
 use nalgebra::{DMatrix, DVector};
 
 /// Unknown errors of one cable.
-pub(super) const PER_CABLE: usize = 12;
+pub(super) const PER_CABLE: usize = 13;
 /// Unknown errors of the whole machine.
 const SHARED: usize = 14;
 
@@ -145,8 +145,21 @@ impl Errors {
     pub(super) const fn late(self, cable: usize) -> usize {
         cable * PER_CABLE + 11
     }
+    /// How much longer a cable is without load: creep, strain.
+    #[must_use]
+    pub const fn strain(self, cable: usize) -> usize {
+        cable * PER_CABLE + 12
+    }
     pub(super) const fn shared(self) -> usize {
         self.cables * PER_CABLE
+    }
+    /// Whether the tracker of slow changes has this error among its states.
+    const fn is_tracked(self, error: usize) -> bool {
+        if error < self.shared() {
+            matches!(error % PER_CABLE, 0..=2 | 6 | 8..=10 | 12)
+        } else {
+            error <= self.loss()
+        }
     }
     /// The platform's mass, kg.
     #[must_use]
@@ -158,7 +171,9 @@ impl Errors {
     pub const fn center(self) -> usize {
         self.shared() + 1
     }
-    pub(super) const fn loss(self) -> usize {
+    /// Tension lost at the pulleys, as a share.
+    #[must_use]
+    pub(crate) const fn loss(self) -> usize {
         self.shared() + 4
     }
     pub(super) const fn payload(self) -> usize {
@@ -222,6 +237,24 @@ impl Belief {
             homed: false,
             source: format!("the calibration of {}", known.date),
         }
+    }
+
+    /// The same, with what is tracked in place of the errors that it concerns: `tracked` is their covariance about
+    /// zero, with the other rows and columns empty. The lengths are those of the encoders, whatever the place where
+    /// they were taken.
+    pub(crate) fn with_tracked(mut self, tracked: &DMatrix<f64>, source: &str) -> Self {
+        let errors = Errors {
+            cables: (self.covariance.nrows() - SHARED) / PER_CABLE,
+        };
+        let known = |error: usize| errors.is_tracked(error);
+        for (i, j) in (0..errors.count()).flat_map(|i| (0..errors.count()).map(move |j| (i, j))) {
+            if known(i) || known(j) {
+                self.covariance[(i, j)] = tracked[(i, j)];
+            }
+        }
+        self.homed = false;
+        self.source = source.to_owned();
+        self
     }
 
     /// The cables and the robot at home, if the lengths were taken there.

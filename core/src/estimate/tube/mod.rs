@@ -184,6 +184,7 @@ fn mostly(
     let parts = [
         ("from anchors, attachments and lengths", of(&own(0, 8))),
         ("from the cables' stiffness", of(&own(8, 9))),
+        ("from the cables' creep", of(&own(12, 13))),
         (
             "from tension sensors and pulleys",
             of(&|k| own(9, 11)(k) || k == errors.loss()),

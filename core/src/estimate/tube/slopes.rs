@@ -278,6 +278,7 @@ impl Instant<'_> {
                 here - there
             }
             11 => *self.motion.length_mps.get(i)?,
+            12 => -(paid_out_m + cable.routing_length_m),
             _ => 0.0,
         };
         *cables.get_mut(i)? = value;

@@ -4,7 +4,7 @@ use crate::cli::run::tool_height_m;
 use crate::cli::table::lay_out;
 use crate::cli::track::prior;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
-use crate::experiment::{Experiment, Looking, SimulatedRobot};
+use crate::experiment::{Experiment, Looking, SimulatedRobot, Stated};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
 use crate::report::Figures;
@@ -61,6 +61,7 @@ impl Kind {
 struct Done {
     laps: Vec<Figures>,
     rests: Vec<Lesson>,
+    tubes: Vec<Stated>,
     /// The cable whose anchor was knocked, from 1, and the rest before it.
     knocked: Option<(usize, usize)>,
 }
@@ -160,6 +161,7 @@ impl Cmd {
         let run = experiment.simulate_on(&link, seed)?.run;
         Ok(Done {
             laps: run.laps,
+            tubes: run.stated,
             rests: rests.take(),
             knocked: knocked.get(),
         })
@@ -205,7 +207,7 @@ impl Cmd {
                 "mean_mm": q(&means, 0.5), "mean_least_mm": q(&means, 0.0), "mean_most_mm": q(&means, 1.0),
                 "last_lap_mm": q(&last, 0.5), "last_lap_most_mm": q(&last, 1.0),
                 "max_mm": q(&most, 0.5), "max_most_mm": q(&most, 1.0),
-                "machines": done.len(), "stopped": failed, "rests": knocks,
+                "machines": done.len(), "stopped": failed, "rests": knocks, "tube": tube(&done),
             });
             table.push(vec![
                 kind.word().to_owned(),
@@ -217,6 +219,9 @@ impl Cmd {
             ]);
             if let Some(knocks) = knocks {
                 sentences.push(format!("{}: {knocks}", kind.word()));
+            }
+            if let Some(tube) = tube(&done) {
+                sentences.push(format!("{}, tube of the plans: {tube}", kind.word()));
             }
             sentences.extend(failed);
         }
@@ -254,6 +259,30 @@ fn names(done: &[&Done]) -> Value {
         "rests": rests, "fitted": fitted, "knocks": knocks, "named_within_two": right,
         "named_wrongly": wrong, "named_without_a_knock": without,
     })
+}
+
+/// Share of the path with the tool inside the tube that each lap's plan stated, of all laps and of one machine's, and the mean
+/// radius, mm; `None` without tracking.
+fn tube(done: &[&Done]) -> Option<Value> {
+    let shares: Vec<f64> = done
+        .iter()
+        .filter(|machine| !machine.tubes.is_empty())
+        .map(|machine| {
+            let inside = machine.tubes.iter().filter_map(|tube| tube.inside);
+            inside.sum::<f64>() / machine.tubes.len() as f64
+        })
+        .collect();
+    let radii = done.iter().flat_map(|machine| &machine.tubes);
+    let radii: Vec<f64> = radii.map(|tube| tube.mean_m * 1e3).collect();
+    if shares.is_empty() {
+        return None;
+    }
+    Some(json!({
+        "inside": shares.iter().sum::<f64>() / shares.len() as f64,
+        "inside_least_of_a_machine": quantile(shares, 0.0),
+        "radius_mm": quantile(radii.clone(), 0.5),
+        "radius_least_mm": quantile(radii.clone(), 0.0), "radius_most_mm": quantile(radii, 1.0),
+    }))
 }
 
 /// Mean over the laps, mm.

@@ -8,7 +8,7 @@ use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::run::{RunError, interrupted, watch_for_interrupts};
 use crate::study::quantile;
-use crate::study::tube::{Audit, audit};
+use crate::study::tube::{AtRests, Audit, audit, audit_tracked};
 use indicatif::{ProgressBar, ProgressStyle};
 use mcdpr_core::estimate::tube::Belief;
 use rayon::prelude::*;
@@ -20,11 +20,25 @@ pub(crate) struct Cmd {
     /// Plans, each on a machine of its own seed
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     plans: u64,
+    /// Each machine is tracked at its rests and does several plans, one after the other; their tubes are by what is tracked
+    #[arg(long)]
+    tracked: bool,
+    /// Plans of each tracked machine
+    #[arg(long, default_value_t = 5, requires = "tracked", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    each: u64,
+    /// A tracked machine sees its tags at every rest
+    #[arg(long, requires = "tracked")]
+    look: bool,
 }
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let kind = common.machine.as_deref().unwrap_or("as-built");
+        let default = if self.tracked {
+            "after-hours"
+        } else {
+            "as-built"
+        };
+        let kind = common.machine.as_deref().unwrap_or(default);
         let mismatch = Mismatch::named(kind).unwrap_or(Mismatch::as_built());
         let anchors_mm = match kind {
             "realistic" => 0.3,
@@ -33,21 +47,39 @@ impl Cmd {
         };
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
+        if self.look && robot.tags.is_empty() {
+            let reason = format!("{} has no tags in its file", robot.name);
+            return Err(Failed::from_error("--look")(reason).into());
+        }
         let belief = Belief::of(&robot, &doubts(anchors_mm, 0.0));
+        let prior = crate::cli::track::prior();
+        let rests = AtRests {
+            prior: &prior,
+            looks: self.look,
+        };
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = ProgressBar::new(self.plans);
         if let Ok(style) = ProgressStyle::with_template("{msg} [{wide_bar}] {pos}/{len} {eta}") {
             bar.set_style(style);
         }
         bar.set_message("plans");
-        let seeds = common.seed..common.seed.saturating_add(self.plans);
-        let results: Vec<(u64, Result<Audit, RunError>)> = seeds
+        let each = if self.tracked { self.each } else { 1 };
+        let machines = self.plans.div_ceil(each);
+        let seeds = common.seed..common.seed.saturating_add(machines);
+        let results: Vec<(u64, Result<Vec<Audit>, RunError>)> = seeds
             .into_par_iter()
             .filter(|_| !interrupted())
             .map(|seed| {
                 let handle = Handle::new();
-                let done = audit(&model, &belief, mismatch, seed, &common.controller, &handle);
-                bar.inc(1);
+                let done = if self.tracked {
+                    let on = (&common.controller, &handle);
+                    let plans = usize::try_from(each).unwrap_or(1);
+                    audit_tracked(&model, rests, mismatch, seed, plans, on)
+                } else {
+                    audit(&model, &belief, mismatch, seed, &common.controller, &handle)
+                        .map(|audit| vec![audit])
+                };
+                bar.inc(each);
                 (seed, done)
             })
             .collect();
@@ -59,7 +91,7 @@ impl Cmd {
         let mut audits = Vec::new();
         for (seed, result) in results {
             match result {
-                Ok(audit) => audits.push(audit),
+                Ok(audit) => audits.extend(audit),
                 Err(error) => failed.push(format!("seed {seed}: {error}")),
             }
         }
@@ -98,7 +130,10 @@ impl Cmd {
                 "study": "tube",
                 "robot": common.robot,
                 "machine": kind,
+                "tracked": self.tracked,
+                "look": self.look,
                 "first_seed": common.seed,
+                "machines": machines,
                 "plans": audits.len(),
                 "failed": failed,
                 "path_s": seconds,
