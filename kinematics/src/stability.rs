@@ -60,6 +60,8 @@ pub struct Stability {
     /// Natural frequencies, Hz, ascending. Empty when the platform has no inertia; an unstable mode
     /// is given as a negative number, minus its growth rate over 2 pi.
     pub modes_hz: CableVec<f64>,
+    /// Mass matrix in the coordinates of the stiffness (kg, kg m, kg m^2); `None` when the platform has no inertia.
+    pub mass: Option<Matrix6<f64>>,
 }
 
 /// Columns of the systems below: unknowns plus one right-hand side per cable and three positions.
@@ -292,8 +294,9 @@ impl<const N: usize> Robot<N> {
             stable: eigenvalues.iter().all(|&x| x > tiny),
             reduced_eigenvalues_n_per_m: eigenvalues,
             modes_hz: CableVec::filled(0),
+            mass: self.mass_matrix(eq),
         };
-        if let Some(mass) = self.mass_matrix(eq) {
+        if let Some(mass) = &out.mass {
             let mass = Matrix6::from_fn(|i, j| mass[(i, j)] / (scale[i] * scale[j]));
             // M = L L^T, and the modes are the eigenvalues of L^-1 K L^-T.
             if let Some(factor) = on_basis(&mass).cholesky()

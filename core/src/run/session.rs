@@ -14,7 +14,7 @@ use crate::robot::{Control, TagPlace};
 use crate::sight::TagSource;
 use mcdpr_kinematics::Pose;
 use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix6, Rotation3, Vector3};
 
 /// Number of pictures that one observation of a tag averages.
 /// Their mean has a fifth of one picture's noise.
@@ -76,17 +76,23 @@ impl Planning {
         self.tool_m
     }
 
-    /// The tube of a plan by what is tracked, at the end of the plan; `None` without tracking, and where the platform does
-    /// not hang firmly enough.
+    /// The tube of a plan by what is tracked, at the end of the plan; `before` is that of the plan that the robot followed
+    /// last, whose swing is not over. `None` without tracking, and where the platform does not hang firmly enough.
     ///
     /// # Errors
     /// None for a plan that was made.
-    pub fn tube(&self, plan: &Plan, doubts: &Doubts) -> Result<Option<Tube>, PlanError> {
+    pub fn tube(
+        &self,
+        plan: &Plan,
+        doubts: &Doubts,
+        before: Option<&Tube>,
+    ) -> Result<Option<Tube>, PlanError> {
         let Some(tracking) = &self.tracking else {
             return Ok(None);
         };
         let belief = tracking.belief(plan.timed.duration_s(), doubts);
-        Tube::along(plan, &belief)
+        let swings = before.map_or_else(Matrix6::zeros, |before| before.swings);
+        Tube::after(plan, &belief, &swings)
     }
 }
 

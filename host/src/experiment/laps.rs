@@ -110,7 +110,7 @@ impl Laps<'_> {
         let (mut plan, mut tube) = (first, None);
         if let Some(noting) = &mut self.noting {
             noting.rest(session)?;
-            (plan, tube) = self.plan(session)?;
+            (plan, tube) = self.plan(session, None)?;
         }
         let (mut figures, mut stated) = (Vec::new(), Vec::new());
         loop {
@@ -141,7 +141,7 @@ impl Laps<'_> {
                 run.stated = stated;
                 return Ok(run);
             }
-            (plan, tube) = self.plan(session)?;
+            (plan, tube) = self.plan(session, run.tube)?;
         }
     }
 
@@ -150,11 +150,12 @@ impl Laps<'_> {
     fn plan<L: Link>(
         &self,
         session: &mut Session<'_, L>,
+        before: Option<Tube>,
     ) -> Result<(Plan, Option<Tube>), RunError> {
         let (planning, task) = (session.planning(), self.task.clone());
         meanwhile(session.client(), || {
             let plan = planning.plan(task, None)?;
-            let tube = planning.tube(&plan, &Doubts::by_tape())?;
+            let tube = planning.tube(&plan, &Doubts::by_tape(), before.as_ref())?;
             Ok((plan, tube))
         })?
     }

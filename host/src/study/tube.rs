@@ -179,6 +179,7 @@ pub(crate) fn audit_tracked(
     session.arm()?;
     link.with(Simulation::record_truth);
     let mut audits: Vec<Audit> = Vec::new();
+    let mut before: Option<Tube> = None;
     for _ in 0..plans {
         let sight = eyes.as_mut().map(|(camera, places)| Sight {
             camera: camera.as_mut(),
@@ -190,12 +191,13 @@ pub(crate) fn audit_tracked(
         let planning = session.planning();
         let make = |steps: &[Step]| planning.steps(steps);
         let plan = plan_from(planning.model(), &planning.tool_m(), &make, &mut random)?;
-        let tube = planning.tube(&plan, &Doubts::by_tape())?;
+        let tube = planning.tube(&plan, &Doubts::by_tape(), before.as_ref())?;
         link.with(Simulation::take_trace);
         match judged(&mut session, &link, &plan, tube.as_ref(), seed) {
             Ok(audit) => {
                 let ended = audit.stopped.is_some();
                 audits.push(audit);
+                before = tube;
                 if ended {
                     return Ok(audits);
                 }

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 /// Unknown errors of one cable.
 pub(super) const PER_CABLE: usize = 13;
 /// Unknown errors of the whole machine.
-const SHARED: usize = 14;
+const SHARED: usize = 13;
 
 /// What is not known of a machine: standard deviations about its description. Errors with a known sign
 /// count by their root mean square.
@@ -46,14 +46,18 @@ pub struct Doubts {
     pub bandwidth: f64,
     /// Time by which all drives are late or early together, s.
     pub late_s: f64,
-    /// Swing over the shift that the same constant acceleration would cause.
+    /// Root mean square of the swing over the amplitude that a plan excites by the platform's natural modes.
     pub swing: f64,
-    /// Time in which a swing dies away, s.
+    /// Time in which a swing dies away to 1/e, s.
     pub swing_s: f64,
 }
 
 /// A uniform error of half width 1 as a standard deviation: one over the root of three.
 const UNIFORM: f64 = 0.577_350_269_189_625_8;
+/// Root mean square of a sine of amplitude 1.
+const SINE_RMS: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// Time in which a swing dies away, s. Nothing is known of a real platform's.
+const SWING_S: f64 = 30.0;
 
 impl Doubts {
     /// A machine whose anchors were measured with a tape, within 5 mm.
@@ -86,10 +90,8 @@ impl Doubts {
             payload_kg: 0.0,
             bandwidth: 0.2 * UNIFORM,
             late_s: 5e-4,
-            // Tuned by simulation on seeds 1 to 60: a step of acceleration excites up to twice its shift, a
-            // smooth start less. Range 0.5 to 1.
-            swing: 0.7,
-            swing_s: 2.0,
+            swing: SINE_RMS,
+            swing_s: SWING_S,
         }
     }
 }
@@ -191,9 +193,6 @@ impl Errors {
     }
     pub(super) const fn all_late(self) -> usize {
         self.shared() + 12
-    }
-    pub(super) const fn swing(self) -> usize {
-        self.shared() + 13
     }
 }
 
@@ -297,7 +296,6 @@ fn spread(robot: &Robot, doubts: &Doubts) -> DMatrix<f64> {
     // Uniform from none to the greatest; the tube lies around the plan, which knows of none.
     sigmas[errors.payload()] = doubts.payload_kg * UNIFORM;
     sigmas[errors.all_late()] = doubts.late_s;
-    sigmas[errors.swing()] = doubts.swing;
     for axis in 0..3 {
         sigmas[errors.center() + axis] = doubts.center_m;
         sigmas[errors.force() + axis] = doubts.force * weight_n;

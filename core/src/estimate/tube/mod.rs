@@ -8,11 +8,12 @@
 //! errors than for few (the adjoint method).
 //!
 //! What is not static is an assumption of its own: a drive follows later than the board expects by a
-//! share of its time constant, and the acceleration of the platform is answered by a swing.
+//! share of its time constant, and the platform's natural modes answer the plan's acceleration by a swing.
 
 mod at_rest;
 mod belief;
 mod slopes;
+mod swing;
 #[cfg(test)]
 mod tests;
 
@@ -20,9 +21,10 @@ use super::region::radius_95_m;
 use crate::motion::{Plan, PlanError};
 use belief::PER_CABLE;
 pub use belief::{Belief, Doubts, Errors};
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::{DMatrix, Matrix3, Matrix6};
 use serde::Serialize;
 use slopes::{Instant, Motion};
+use swing::Swing;
 
 /// Most points of a tube.
 const MOST_POINTS: f64 = 1000.0;
@@ -55,6 +57,9 @@ pub struct Tube {
     pub mostly: (&'static str, f64),
     /// Where the belief in the machine comes from.
     pub source: String,
+    /// How the platform swings at the end: mean square of its shift (m) and turn (rad), world, about its origin.
+    #[serde(skip)]
+    pub swings: Matrix6<f64>,
 }
 
 impl Tube {
@@ -64,6 +69,18 @@ impl Tube {
     /// # Errors
     /// None for a plan that was made.
     pub fn along(plan: &Plan, belief: &Belief) -> Result<Option<Self>, PlanError> {
+        Self::after(plan, belief, &Matrix6::zeros())
+    }
+
+    /// As [`Self::along`] for a platform that still swings from the plan before, whose [`Self::swings`] is `before`.
+    ///
+    /// # Errors
+    /// None for a plan that was made.
+    pub fn after(
+        plan: &Plan,
+        belief: &Belief,
+        before: &Matrix6<f64>,
+    ) -> Result<Option<Self>, PlanError> {
         let model = plan.model();
         let errors = Errors {
             cables: model.robot().cables.len(),
@@ -73,8 +90,7 @@ impl Tube {
         let step_s = (end_s / MOST_POINTS).max(LEAST_STEP_S);
         let mut rubbed = vec![0.0; errors.cables];
         let mut last_m: Option<Vec<f64>> = None;
-        let mut swing = Matrix3::zeros();
-        let mut last_s = 0.0;
+        let mut swing = Swing::new(belief.doubts, before);
         let mut points: Vec<TubePoint> = Vec::new();
         let mut widest: Option<(TubePoint, (&'static str, f64))> = None;
         for (time_s, rest) in plan.states(step_s) {
@@ -101,17 +117,7 @@ impl Tube {
                 return Ok(None);
             };
             let (fixed, at_home) = slopes;
-            // A swing outlives the acceleration that caused it.
-            swing *= libm::exp(-2.0 * (time_s - last_s) / belief.doubts.swing_s);
-            last_s = time_s;
-            let shift = fixed.column(errors.swing()).into_owned() * belief.doubts.swing;
-            let fresh = &shift * shift.transpose();
-            let fresh = Matrix3::from_fn(|i, j| fresh[(i, j)]);
-            if fresh.trace() > swing.trace() {
-                swing = fresh;
-            }
-            let mut fixed = fixed;
-            fixed.column_mut(errors.swing()).fill(0.0);
+            let swing = swing.at(model, &rest, time_s)?.unwrap_or_default();
             let covariance = &fixed * &belief.covariance * fixed.transpose();
             let covariance = Matrix3::from_fn(|i, j| covariance[(i, j)]) + at_home + swing;
             let tool_m = plan.timed.tool_m(time_s)?;
@@ -132,6 +138,7 @@ impl Tube {
             widest,
             mostly,
             source: belief.source.clone(),
+            swings: swing.left(),
         }))
     }
 

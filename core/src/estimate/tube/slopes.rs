@@ -4,9 +4,9 @@ use super::belief::{AtHome, Errors, PER_CABLE};
 use crate::motion::{Model, Plan, PlanError, StaticState};
 use crate::robot::Robot;
 use mcdpr_kinematics::{CablePath, GRAVITY_MPS2, Pose};
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x6, Vector3};
 
-/// Half of the time over which speed and acceleration are taken, s.
+/// Half of the time over which speed is taken, s.
 const HALF_S: f64 = 0.02;
 /// Displacement for numerical derivatives of the cables' directions, m.
 const STEP_M: f64 = 1e-6;
@@ -15,8 +15,6 @@ const STEP_M: f64 = 1e-6;
 pub(super) struct Motion {
     /// Of each cable, m/s.
     length_mps: Vec<f64>,
-    /// Of the tool, world, m/s2.
-    acceleration_mps2: Vector3<f64>,
 }
 
 impl Motion {
@@ -24,7 +22,6 @@ impl Motion {
     pub(super) fn none(cables: usize) -> Self {
         Self {
             length_mps: vec![0.0; cables],
-            acceleration_mps2: Vector3::zeros(),
         }
     }
 
@@ -34,16 +31,12 @@ impl Motion {
         let [before, after] = [before.max(0.0), after.min(end_s)];
         let span_s = (after - before).max(1e-3);
         let [from, to] = [plan.timed.lengths_m(before)?, plan.timed.lengths_m(after)?];
-        // Before its start and after its end a plan rests.
-        let place = |at_s: f64| plan.timed.tool_m(at_s.clamp(0.0, end_s));
-        let bend = place(time_s - HALF_S)? - place(time_s)? * 2.0 + place(time_s + HALF_S)?;
         Ok(Self {
             length_mps: to
                 .iter()
                 .zip(&from)
                 .map(|(b, a)| (b - a) / span_s)
                 .collect(),
-            acceleration_mps2: bend / (HALF_S * HALF_S),
         })
     }
 }
@@ -66,17 +59,7 @@ impl Instant<'_> {
     pub(super) fn slopes(&self) -> Option<(DMatrix<f64>, Matrix3<f64>)> {
         let robot = self.model.robot();
         let arm = self.rest.equilibrium.pose.rotation * robot.tool.tcp_in_platform_m;
-        // The tool per pose.
-        let mut tool = DMatrix::zeros(6, 3);
-        for axis in 0..3 {
-            tool[(axis, axis)] = 1.0;
-            let mut turn = Vector3::zeros();
-            turn[axis] = 1.0;
-            let by_turn = turn.cross(&arm);
-            for k in 0..3 {
-                tool[(3 + axis, k)] = by_turn[k];
-            }
-        }
+        let tool = DMatrix::from_fn(6, 3, |row, axis| tool_per_pose(&arm)[(axis, row)]);
         let (slopes, at_home) = self.slopes_of(&tool)?;
         Some((slopes, Matrix3::from_fn(|i, j| at_home[(i, j)])))
     }
@@ -218,14 +201,10 @@ impl Instant<'_> {
             }
             axis @ 6..=8 => put(forces, &unit(axis - 6), &center.cross(&unit(axis - 6))),
             axis @ 9..=11 => put(forces, &Vector3::zeros(), &unit(axis - 9)),
-            12 => {
+            _ => {
                 for &i in by_length {
                     *cables.get_mut(i)? = *self.motion.length_mps.get(i)?;
                 }
-            }
-            _ => {
-                let inertia = self.motion.acceleration_mps2 * -mass_kg;
-                put(forces, &inertia, &center.cross(&inertia));
             }
         }
         Some(out)
@@ -291,6 +270,15 @@ impl Instant<'_> {
         let home = calibrated.and_then(|known| known.home_lengths_m.get(cable).copied());
         home.unwrap_or(0.0)
     }
+}
+
+/// Shift of the tool (world, m) per shift (m) and turn (rad, world) of the platform, the tool at `arm` from its origin
+/// (world, m).
+pub(super) fn tool_per_pose(arm: &Vector3<f64>) -> Matrix3x6<f64> {
+    let mut out = Matrix3x6::identity();
+    out.fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&-arm.cross_matrix());
+    out
 }
 
 /// A unit error of an anchor (kinds 0 to 2, world) or an attachment (3 to 5, platform's frame), world.

@@ -150,3 +150,55 @@ fn the_error_at_rest_is_that_of_the_tube_at_its_end() {
     assert!(off.abs() < 0.01, "{radius_m} {}", tube.radius_m(end_s));
     assert!(at_rest[(3, 3)] > 0.0, "{at_rest}");
 }
+
+#[test]
+fn a_plan_swings_by_its_acceleration_and_leaves_a_swing_behind() {
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let plan = |speed_mps: f64| {
+        // Low in the frame, where the platform is held loosely.
+        let [from, to] = [[0.4706, 0.0078, -0.5066], [0.4946, 0.0859, -0.4746]].map(Vector3::from);
+        let steps = [Step::Move {
+            path: Path::through(&[from, to]).unwrap(),
+            duration_s: None,
+            speed_mps: Some(speed_mps),
+        }];
+        Plan::new(&model, &from, &steps).unwrap()
+    };
+    let exact = Doubts {
+        anchor_m: 0.0,
+        attachment_m: 0.0,
+        ..Doubts::within(0.0)
+    };
+    let belief = Belief::of(model.robot(), &exact);
+    let tube = |speed_mps: f64, before: &Matrix6<f64>| {
+        Tube::after(&plan(speed_mps), &belief, before)
+            .unwrap()
+            .unwrap()
+    };
+    let still = Matrix6::zeros();
+    let (slow, fast) = (tube(0.02, &still), tube(0.38, &still));
+    let tool = |swings: &Matrix6<f64>| {
+        let last = plan(0.38);
+        let rest = last.state(last.timed.duration_s()).unwrap();
+        let turn = rest.equilibrium.pose.rotation;
+        let by_pose = super::slopes::tool_per_pose(&(turn * model.robot().tool.tcp_in_platform_m));
+        ((by_pose * swings * by_pose.transpose()).trace() * 1e6).sqrt()
+    };
+    assert!(
+        fast.mean_m > 1.5 * slow.mean_m,
+        "{} {}",
+        fast.mean_m,
+        slow.mean_m
+    );
+    assert_eq!(fast.mostly.0, "from swing");
+    // The simulated platform swings by 0.86 mm (root mean square of the tool) in the first second after this motion, 0.65 in the
+    // second.
+    let left_mm = tool(&fast.swings);
+    assert!((0.3..1.5).contains(&left_mm), "{left_mm}");
+    assert!(tool(&slow.swings) < 0.2 * left_mm);
+    // What the plan before left is still there, and no energy comes from nowhere.
+    let after = tube(0.02, &fast.swings);
+    assert!(after.mean_m > 1.2 * slow.mean_m);
+    assert!(tool(&after.swings) < left_mm);
+    assert!(tool(&after.swings) > 0.8 * left_mm);
+}

@@ -1,0 +1,202 @@
+//! How the platform swings about its path: natural modes that the plan's acceleration excites.
+//!
+//! At each point of a tube the platform is a body on springs: its mass matrix, and its stiffness by the cables' tensions and
+//! elasticity. Drums of length-held cables move as planned; those of tension-held ones give way to an error of tension as their
+//! law says. The inertia force of the planned acceleration moves the body off its path. What counts is the amplitude in each
+//! natural mode: the phase is lost within some periods, since frequencies are known to some percent only.
+
+use super::belief::Doubts;
+use super::slopes::tool_per_pose;
+use crate::motion::{Model, PlanError, StaticState};
+use crate::robot::TensionOutput;
+use mcdpr_kinematics::Pose;
+use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector6};
+
+/// A platform on its way.
+pub(super) struct Swing {
+    doubts: Doubts,
+    /// Mean square that was there before, now: shift (m) and turn (rad), world, about the platform's origin.
+    before: Matrix6<f64>,
+    /// The same of the plan's own swing.
+    own: Matrix6<f64>,
+    /// How far the platform is off its path, and how fast it leaves it (m, rad; per s).
+    off: Vector6<f64>,
+    leaves: Vector6<f64>,
+    /// The last point: time, s, planned pose, and the planned speed that led to it (m/s, rad/s).
+    last: Option<(f64, Pose, Vector6<f64>)>,
+}
+
+impl Swing {
+    pub(super) fn new(doubts: Doubts, before: &Matrix6<f64>) -> Self {
+        Self {
+            doubts,
+            before: *before,
+            own: Matrix6::zeros(),
+            off: Vector6::zeros(),
+            leaves: Vector6::zeros(),
+            last: None,
+        }
+    }
+
+    /// Goes on to a point of the plan: mean square of the tool's swing there, m2. `None` where the platform has no modes.
+    ///
+    /// # Errors
+    /// A pose without geometry.
+    pub(super) fn at(
+        &mut self,
+        model: &Model,
+        rest: &StaticState,
+        time_s: f64,
+    ) -> Result<Option<Matrix3<f64>>, PlanError> {
+        let pose = rest.equilibrium.pose;
+        let speed = match &self.last {
+            // Rounding of poses that are nearly at the same time would count as speed.
+            Some((last_s, ..)) if time_s - last_s < LEAST_S => {
+                return Ok(Some(self.tool(model, &pose)));
+            }
+            Some((last_s, last, before)) => {
+                let step_s = time_s - last_s;
+                let speed = moved(last, &pose) / step_s;
+                let Some(body) = Body::of(model, rest)? else {
+                    return Ok(None);
+                };
+                let acceleration = (speed - before) / step_s;
+                self.go_on(&body, &acceleration, step_s);
+                speed
+            }
+            None => Vector6::zeros(),
+        };
+        self.last = Some((time_s, pose, speed));
+        Ok(Some(self.tool(model, &pose)))
+    }
+
+    /// Mean square of the tool's swing with the platform at this pose, m2.
+    fn tool(&self, model: &Model, pose: &Pose) -> Matrix3<f64> {
+        let arm = pose.rotation * model.robot().tool.tcp_in_platform_m;
+        let tool = tool_per_pose(&arm);
+        tool * self.left() * tool.transpose()
+    }
+
+    /// Mean square of the platform's swing now: shift (m) and turn (rad), world.
+    pub(super) fn left(&self) -> Matrix6<f64> {
+        self.before + self.own
+    }
+
+    fn go_on(&mut self, body: &Body, acceleration: &Vector6<f64>, step_s: f64) {
+        let keep = libm::exp(-step_s / self.doubts.swing_s);
+        self.before *= keep * keep;
+        let Some((off, leaves)) = body.moved_on(&self.off, &self.leaves, acceleration, step_s)
+        else {
+            return;
+        };
+        (self.off, self.leaves) = (off * keep, leaves * keep);
+        self.own = Matrix6::zeros();
+        for (square, shape) in body.squares.iter().zip(body.shapes.column_iter()) {
+            let by_mass = body.mass * shape;
+            let (out, speed) = (by_mass.dot(&self.off), by_mass.dot(&self.leaves));
+            let amplitude_square = out * out + speed * speed / square;
+            self.own += shape * shape.transpose() * (amplitude_square * self.doubts.swing.powi(2));
+        }
+    }
+}
+
+/// Shift (m) and turn (rad), world, from one pose to the next.
+fn moved(from: &Pose, to: &Pose) -> Vector6<f64> {
+    let shift = to.position_m - from.position_m;
+    let turn = (to.rotation * from.rotation.inverse()).scaled_axis();
+    Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
+}
+
+/// The platform on its cables at one place, as it moves about its path.
+struct Body {
+    mass: Matrix6<f64>,
+    /// Mass that moves with it: the platform's, and drums of cables whose current is commanded.
+    moving: Matrix6<f64>,
+    /// Drums whose speed is commanded give way in proportion to the error of tension: a damper.
+    damping: Matrix6<f64>,
+    stiffness: Matrix6<f64>,
+    /// Natural modes with all drums held: angular frequencies squared, 1/s2.
+    squares: Vec<f64>,
+    /// Their shapes in columns, of modal mass 1.
+    shapes: nalgebra::Matrix6xX<f64>,
+}
+
+impl Body {
+    /// `None` for a platform without mass.
+    fn of(model: &Model, rest: &StaticState) -> Result<Option<Self>, PlanError> {
+        let (robot, geometry) = (model.robot(), model.geometry());
+        let stability = geometry.stability(&rest.equilibrium)?;
+        let Some(mass) = stability.mass else {
+            return Ok(None);
+        };
+        let (mut moving, mut damping) = (mass, Matrix6::zeros());
+        let mut stiffness = stability.stiffness;
+        let mut held = stiffness;
+        let law = &robot.tension;
+        let pose = &rest.equilibrium.pose;
+        for (i, path) in geometry.paths(pose)?.iter().enumerate() {
+            let parts = robot.cables.get(i).zip(rest.paid_out_m.get(i));
+            let Some(((cable, paid_out_m), winch)) = parts.zip(robot.winch_of(i)) else {
+                continue;
+            };
+            let turn = (path.attachment_m - pose.position_m).cross(&path.direction);
+            let d = path.direction;
+            let row = Vector6::new(d.x, d.y, d.z, turn.x, turn.y, turn.z);
+            let along = row * row.transpose();
+            let axial = cable.ea_n / (paid_out_m + cable.routing_length_m);
+            held += along * axial;
+            if model.holding().by_length().contains(&i) {
+                stiffness += along * axial;
+                continue;
+            }
+            match law.output {
+                // Gains in mm/s per N.
+                TensionOutput::Velocity => damping += along * (1e3 / law.kp.max(1e-3)),
+                TensionOutput::Current => {
+                    let share = 1.0 / (1.0 + law.kp.max(0.0));
+                    moving += along * (winch.effective_mass_kg() * share);
+                    damping += along * (law.damping_ns_per_m * share);
+                }
+            }
+        }
+        let Some(inverse) = mass.cholesky().and_then(|root| root.l().try_inverse()) else {
+            return Ok(None);
+        };
+        let dynamic = inverse * held * inverse.transpose();
+        let own = SymmetricEigen::new((dynamic + dynamic.transpose()) * 0.5);
+        let shapes = inverse.transpose() * own.eigenvectors;
+        let firm: Vec<usize> = (0..6).filter(|k| own.eigenvalues[*k] > SOFTEST).collect();
+        Ok(Some(Self {
+            mass,
+            moving,
+            damping,
+            stiffness,
+            squares: firm.iter().map(|k| own.eigenvalues[*k]).collect(),
+            shapes: shapes.select_columns(&firm),
+        }))
+    }
+
+    /// Displacement and its rate after a step under the inertia force of a planned acceleration: Newmark's method with constant
+    /// mean acceleration (1959), which is stable at any step.
+    fn moved_on(
+        &self,
+        off: &Vector6<f64>,
+        leaves: &Vector6<f64>,
+        acceleration: &Vector6<f64>,
+        step_s: f64,
+    ) -> Option<(Vector6<f64>, Vector6<f64>)> {
+        // The mean of both ends: M (v' - v) / h + C (v + v') / 2 + K (x + x') / 2 = f, x' = x + h (v + v') / 2.
+        let force = -(self.mass * acceleration);
+        let matrix = self.moving / step_s + self.damping * 0.5 + self.stiffness * (0.25 * step_s);
+        let right = force + self.moving * leaves / step_s
+            - self.damping * leaves * 0.5
+            - self.stiffness * (off + leaves * (0.25 * step_s));
+        let next = matrix.lu().solve(&right)?;
+        Some((off + (leaves + next) * (0.5 * step_s), next))
+    }
+}
+
+/// A mode below this square of an angular frequency has no stiffness, 1/s2: a period of 60 s.
+const SOFTEST: f64 = 0.01;
+/// Shorter steps are left out, s.
+const LEAST_S: f64 = 2e-3;
