@@ -7,7 +7,7 @@ use super::data::Data;
 use super::design::{Candidate, Design};
 use super::fit::{Options, fit};
 use super::plan::{candidates, work_poses};
-use super::predict::{displacement, predict};
+use super::predict::{displacement, normal, predict};
 use super::rows::singles;
 use super::space::Space;
 use mcdpr_kinematics::Pose;
@@ -150,12 +150,16 @@ pub(crate) fn error_map(data: &Data, answer: &Answer) -> Vec<MapPoint> {
     out
 }
 
-/// The pose of the robot's space that would help most. For robots with four cables; `None` for
+/// The pose of the robot's space that would help most. For robots that hang on four cables; `None` for
 /// others.
 #[must_use]
 pub(crate) fn next_pose(data: &Data, answer: &Answer, options: &Options) -> Option<NextPose> {
     const CANDIDATES: usize = 150;
     let solved = answer.solved.as_ref()?;
+    // A robot in a plane cannot be asked across it.
+    if normal(solved.state.cables.iter()).is_some() {
+        return None;
+    }
     let mut known = data.clone();
     // Planned with the calibrated robot: the nominal one would hang elsewhere.
     known.robot.cables.clone_from(&solved.state.cables);

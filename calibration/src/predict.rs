@@ -3,8 +3,12 @@
 
 use super::rows::singles;
 use super::unknowns::{Layout, State};
-use mcdpr_kinematics::{Error, Pose};
+use mcdpr_kinematics::{Cable, Error, Pose, Robot};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Vector3};
+
+/// Anchors and attachments this near to a vertical plane, as a share of its width, are those of a robot in a plane whose
+/// anchors are off.
+const FLAT: f64 = 0.02;
 
 /// Prediction at one pose.
 #[derive(Debug, Clone)]
@@ -38,7 +42,8 @@ pub fn predict(
     let n = cables.len();
     let mut encoder_m = Vec::with_capacity(n);
     let mut by = DMatrix::zeros(n, layout.len());
-    let mut motion = DMatrix::zeros(n, 4);
+    let moves = Moves::of(&cables);
+    let mut motion = DMatrix::zeros(n, moves.twists.len());
     for (i, cable) in cables.iter().enumerate() {
         let inverse = cable.inverse(&pose).map_err(|error| named(error, i))?;
         let (t, u) = (inverse.direction(0), inverse.arm_m(0));
@@ -56,9 +61,10 @@ pub fn predict(
             by[(i, layout.attachment(i) + k)] = in_platform[k] * scale;
             by[(i, layout.body(0) + k)] = t[k] * scale;
             by[(i, layout.body(0) + 3 + k)] = turn[k] * scale;
-            motion[(i, k)] = t[k] * scale;
         }
-        motion[(i, 3)] = u.cross(&t).z * scale;
+        for (k, [shift, turned]) in moves.twists.iter().enumerate() {
+            motion[(i, k)] = (t.dot(shift) + u.cross(&t).dot(turned)) * scale;
+        }
         by[(i, layout.radius(i))] = (inverse.wraps_rad[0] - inverse.wrap_sin[0]) * scale;
         by[(i, layout.initial_length(i))] = -1.0 / drum;
         by[(i, layout.scales())] = -reading / drum;
@@ -69,7 +75,7 @@ pub fn predict(
             by[(i, layout.soft(i))] = by_compliance;
         }
     }
-    let slopes = motion_from_lengths(&motion).rows(0, 3) * &by;
+    let slopes = moves.position_from_lengths(&motion) * &by;
     // Multiplied in this order because tall columns vectorise.
     let cov = &slopes * (covariance * slopes.transpose());
     Ok(Prediction {
@@ -79,9 +85,9 @@ pub fn predict(
     })
 }
 
-/// Displacement of the platform (m, world axes, and yaw, rad) when the commanded lengths are wrong
+/// Displacement of the platform (m, world axes, and its turn, rad) when the commanded lengths are wrong
 /// by `error_m`: x, y, z and yaw change, roll and pitch stay (reading of the paper, section 3,
-/// (ii)).
+/// (ii)). A robot in a plane moves and turns in it.
 ///
 /// # Errors
 /// Domain errors of the geometry.
@@ -90,27 +96,83 @@ pub(crate) fn displacement(
     pose: &Pose,
     error_m: &[f64],
 ) -> Result<(Vector3<f64>, f64), Error> {
-    let mut motion = DMatrix::zeros(cables.len(), 4);
+    let moves = Moves::of(cables);
+    let mut motion = DMatrix::zeros(cables.len(), moves.twists.len());
     for (i, cable) in cables.iter().enumerate() {
         let inverse = cable.inverse(pose).map_err(|error| named(error, i))?;
         let (t, u) = (inverse.direction(0), inverse.arm_m(0));
-        motion
-            .fixed_view_mut::<1, 3>(i, 0)
-            .copy_from(&t.transpose());
-        motion[(i, 3)] = u.cross(&t).z;
+        for (k, [shift, turned]) in moves.twists.iter().enumerate() {
+            motion[(i, k)] = t.dot(shift) + u.cross(&t).dot(turned);
+        }
     }
     let moved = motion_from_lengths(&motion) * DVector::from_column_slice(error_m);
-    Ok((Vector3::new(moved[0], moved[1], moved[2]), moved[3]))
+    let shifts = moves.twists.iter().zip(moved.iter());
+    let turn_rad = moved.iter().next_back().copied().unwrap_or(0.0);
+    Ok((
+        shifts.fold(Vector3::zeros(), |sum, ([shift, _], by)| sum + shift * *by),
+        turn_rad,
+    ))
 }
 
-/// 4 x n: motion of x, y, z and yaw per change of lengths (least squares). With three cables, or if
+/// The motions of a platform that its lengths decide.
+struct Moves {
+    /// Shift and turn (world) of each; the last one turns, the others do not.
+    twists: Vec<[Vector3<f64>; 2]>,
+}
+
+impl Moves {
+    /// Of a robot in a plane across and up in it, and the turn in it: across it statics decide, and the few
+    /// millimetres that its anchors are beside it make lengths tell of that as good as nothing. Of others x, y, z and yaw.
+    fn of(cables: &[Robot<1>]) -> Self {
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let shift = |axis| [axis, Vector3::zeros()];
+        let turn = |axis| [Vector3::zeros(), axis];
+        let plane = normal(cables.iter().flat_map(|cable| cable.cables()));
+        Self {
+            twists: match plane {
+                Some(normal) => vec![shift(normal.cross(&z)), shift(z), turn(normal)],
+                None => vec![shift(x), shift(y), shift(z), turn(z)],
+            },
+        }
+    }
+
+    /// 3 x n: motion of the position (world axes) per change of lengths.
+    fn position_from_lengths(&self, motion: &DMatrix<f64>) -> DMatrix<f64> {
+        let back = motion_from_lengths(motion);
+        if self.twists.len() == 4 {
+            return back.rows(0, 3).into_owned();
+        }
+        let axes = DMatrix::from_fn(3, self.twists.len(), |k, twist| self.twists[twist][0][k]);
+        axes * back
+    }
+}
+
+/// Unit normal of the vertical plane near which all anchors and attachments are; `None` if there is none.
+pub(crate) fn normal<'a>(cables: impl Iterator<Item = &'a Cable> + Clone) -> Option<Vector3<f64>> {
+    let first = cables.clone().next()?.anchor_m;
+    let level = |cable: &Cable| (cable.anchor_m - first).xy().push(0.0);
+    let widest = cables.clone().map(level);
+    let widest = widest.max_by(|a, b| a.norm().total_cmp(&b.norm()))?;
+    let normal = widest.cross(&Vector3::z()).try_normalize(1e-12)?;
+    let most_m = FLAT * widest.norm();
+    cables
+        .into_iter()
+        .all(|cable| {
+            let anchor_m = (cable.anchor_m - first).dot(&normal);
+            anchor_m.abs() <= most_m && cable.attachment_m.dot(&normal).abs() <= most_m
+        })
+        .then_some(normal)
+}
+
+/// Motion along each twist per change of lengths (least squares), the last of them a turn. With three cables, or if
 /// they do not determine the yaw, it stays.
 fn motion_from_lengths(motion: &DMatrix<f64>) -> DMatrix<f64> {
     // A lever of 0.1 m makes yaw and position comparable.
     let lever = 0.1;
+    let turn = motion.ncols() - 1;
     let mut scaled = motion.clone();
-    scaled.column_mut(3).scale_mut(1.0 / lever);
-    let mut back = if motion.nrows() == 4 {
+    scaled.column_mut(turn).scale_mut(1.0 / lever);
+    let mut back = if motion.shape() == (4, 4) {
         // The usual number of cables, without allocation.
         let square = Matrix4::from_iterator(scaled.iter().copied());
         let back = square.pseudo_inverse(1e-6).unwrap_or_default();
@@ -118,9 +180,9 @@ fn motion_from_lengths(motion: &DMatrix<f64>) -> DMatrix<f64> {
     } else {
         scaled
             .pseudo_inverse(1e-6)
-            .unwrap_or_else(|_| DMatrix::zeros(4, motion.nrows()))
+            .unwrap_or_else(|_| DMatrix::zeros(motion.ncols(), motion.nrows()))
     };
-    back.row_mut(3).scale_mut(1.0 / lever);
+    back.row_mut(turn).scale_mut(1.0 / lever);
     back
 }
 

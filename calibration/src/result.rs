@@ -210,7 +210,6 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         });
     }
     let home_m: Vec<f64> = initial.iter().map(|mm| mm * 1e-3).collect();
-    robot.tool.home_in_world_m = home_of(&robot, &home_m).map_err(|error| error.to_string())?;
     robot.calibrated = Some(Box::new(Calibrated {
         designed: machine,
         places: found,
@@ -220,7 +219,7 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         predicted_error_m: answer["predicted_tcp_error_mm"]
             .as_f64()
             .map(|mm| mm * 1e-3),
-        home_lengths_m: home_m,
+        home_lengths_m: home_m.clone(),
         drum_scales: drums,
         covariance: optional(&value["covariance_of_shared_unknowns_si"], |v| {
             square(v, "covariance_of_shared_unknowns_si")
@@ -228,6 +227,8 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         errors: None,
         file: path.to_owned(),
     }));
+    // Only now: what its cables can do is judged by its description.
+    robot.tool.home_in_world_m = home_of(&robot, &home_m).map_err(|error| error.to_string())?;
     let unexplained = optional(&answer["unexplained_force_N"], |force_n| {
         Ok(Unexplained {
             force_n: pair(force_n, "unexplained_force_N")?,
@@ -242,7 +243,9 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
 }
 
 /// What a calibration left open, for the tube of a plan: its covariance, in the frame of the first body
-/// of tags, which a camera can compare with, and the forces that no statics explained.
+/// of tags, which a camera can compare with, and the forces that no statics explained. A robot in a plane turns about
+/// the plane's normal only, so that nothing tells where its camera is along that: there the frame is that of its anchors,
+/// on average.
 fn open_errors(robot: &Robot, unexplained: Option<&Unexplained>) -> Option<DMatrix<f64>> {
     let layout = Layout::of(robot)?;
     let calibrated = robot.calibrated.as_deref()?;
@@ -251,13 +254,22 @@ fn open_errors(robot: &Robot, unexplained: Option<&Unexplained>) -> Option<DMatr
     let errors = Errors {
         cables: robot.cables.len(),
     };
+    let normal = Model::new(robot).ok()?.holding().freedom().normal();
+    let across = normal.map_or_else(Matrix3::zeros, |normal| normal * normal.transpose());
+    let count = robot.cables.len() as f64;
     let mut map = DMatrix::zeros(errors.count(), layout.len());
     for (i, cable) in robot.cables.iter().enumerate() {
         let from_body = (cable.anchor_in_world_m - body_m).cross_matrix();
         for axis in 0..3 {
             let row = errors.anchor(i) + axis;
             map[(row, layout.anchor(i) + axis)] = 1.0;
-            map[(row, layout.body(0) + axis)] = -1.0;
+            for along in 0..3 {
+                let shared = across[(axis, along)];
+                map[(row, layout.body(0) + along)] = shared - f64::from(u8::from(axis == along));
+                for j in 0..robot.cables.len() {
+                    map[(row, layout.anchor(j) + along)] -= shared / count;
+                }
+            }
             for turn in 0..3 {
                 map[(row, layout.body(0) + 3 + turn)] = from_body[(axis, turn)];
             }

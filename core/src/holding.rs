@@ -142,6 +142,15 @@ impl Freedom {
         }
     }
 
+    /// Unit normal of the vertical plane in which the robot moves, world; `None` for one that moves in space.
+    #[must_use]
+    pub const fn normal(&self) -> Option<Vector3<f64>> {
+        match *self {
+            Self::Plane { normal } | Self::PlanePoint { normal } => Some(normal),
+            Self::Hanging | Self::Pose | Self::Point => None,
+        }
+    }
+
     /// How many cables must be held by length.
     #[must_use]
     pub fn count(&self) -> usize {
@@ -185,7 +194,21 @@ impl Holding {
     /// # Errors
     /// [`HoldingError`] with the number or the direction that is not held.
     pub fn new(geometry: &AnyRobot, by_length: &[bool], pose: &Pose) -> Result<Self, HoldingError> {
-        let mut freedom = Freedom::of(geometry);
+        Self::as_designed(geometry, geometry, by_length, pose)
+    }
+
+    /// What these cables hold where the robot is meant to be `designed`: the anchors that a calibration finds lie in no
+    /// plane, nor its attachments in one point, and it moves as it was built to all the same.
+    ///
+    /// # Errors
+    /// As [`Holding::new`].
+    pub(crate) fn as_designed(
+        geometry: &AnyRobot,
+        designed: &AnyRobot,
+        by_length: &[bool],
+        pose: &Pose,
+    ) -> Result<Self, HoldingError> {
+        let mut freedom = Freedom::of(designed);
         let list = |wanted: bool| -> Vec<usize> {
             let pairs = by_length.iter().enumerate();
             pairs
@@ -206,7 +229,7 @@ impl Holding {
             });
         }
         if matches!(freedom, Freedom::Point | Freedom::PlanePoint { .. }) {
-            pendulum(geometry)?;
+            pendulum(designed)?;
         }
         // A hanging platform is judged where it hangs: its attitude follows from statics.
         if freedom != Freedom::Hanging

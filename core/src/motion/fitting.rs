@@ -93,11 +93,9 @@ fn circle(model: &Model, radius_m: f64) -> Result<Circle, PlanError> {
     };
     let mut axes = [Vector3::x(), Vector3::y()];
     if let Some(normal) = plane {
-        let cables = model.geometry().cables();
-        let anchor_m = cables.first().map_or(Vector3::zeros(), |c| c.anchor_m);
         let tool = &robot.tool.tcp_in_platform_m;
         // The platform's origin must lie in the plane of the cables; the tool may stand beside it.
-        center_m -= normal * normal.dot(&(center_m - tool - anchor_m));
+        center_m = model.in_plane(&(center_m - tool)) + tool;
         axes = [Vector3::z().cross(&normal), Vector3::z()];
     }
     let [across, other] = axes;

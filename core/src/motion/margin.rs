@@ -122,10 +122,11 @@ impl Margins {
         let robot = model.robot();
         let limits = &robot.limits;
         if let Some([low, high]) = &limits.box_in_world_m {
+            let tool_m = model.asked(&at.tool_m);
             for axis in 0..3 {
                 let range = [low[axis] * 1e3, high[axis] * 1e3];
                 let what = [Quantity::Axis(axis); 2];
-                self.between(what, at.tool_m[axis] * 1e3, range, at);
+                self.between(what, tool_m[axis] * 1e3, range, at);
             }
         }
         let tilt_deg = rest.equilibrium.pose.tilt_rad().to_degrees();

@@ -1,6 +1,7 @@
 //! Motion planning: paths, time laws and splines; the robot at equilibrium along them; plans.
 
 mod allowance;
+mod bent;
 mod bounds;
 mod curve;
 mod drift;

@@ -1,5 +1,6 @@
 //! The planner's model of the robot: tool position to cable lengths and tensions.
 
+use super::bent::Plane;
 use super::drift::Drift;
 use super::options::{PlanOptions, Planner, Tensioning};
 use super::plan::PlanError;
@@ -19,6 +20,8 @@ pub struct Model {
     robot: Robot,
     geometry: AnyRobot,
     holding: Holding,
+    /// The plane in which it moves, if its cables are in one.
+    plane: Option<Plane>,
     options: PlanOptions,
     /// One per cable; none without entries.
     pub(super) drift: Vec<Drift>,
@@ -62,11 +65,21 @@ impl Model {
             .map(|cable| cable.control == Control::Position)
             .collect();
         let home = robot.tool.home_in_world_m - robot.tool.tcp_in_platform_m;
-        let holding = Holding::new(&geometry, &by_length, &Pose::level(home))?;
+        let calibrated = robot.calibrated.as_deref();
+        let designed = calibrated.map(|known| machine::geometry(&known.designed));
+        let designed = designed.transpose()?;
+        let meant = designed.as_ref().unwrap_or(&geometry);
+        let holding = Holding::as_designed(&geometry, meant, &by_length, &Pose::level(home))?;
+        let anchor_m = meant
+            .cables()
+            .first()
+            .map_or(Vector3::zeros(), |c| c.anchor_m);
+        let plane = Plane::of(&holding.freedom(), &anchor_m, calibrated.is_some());
         Ok(Self {
             robot: robot.clone(),
             geometry,
             holding,
+            plane,
             options: PlanOptions::default(),
             drift: Vec::new(),
             contact: true,
@@ -89,6 +102,10 @@ impl Model {
     #[must_use]
     pub const fn holding(&self) -> &Holding {
         &self.holding
+    }
+
+    pub(super) const fn plane(&self) -> Option<&Plane> {
+        self.plane.as_ref()
     }
 
     /// The first tension-held cable of a platform that hangs on three lengths, from 0; `what` needs it.
@@ -118,6 +135,22 @@ impl Model {
             what,
             robot: self.robot.name.clone(),
         })
+    }
+
+    /// Refuses a robot whose platform a camera on it cannot find at rest in an attitude that statics determine; `what`
+    /// needs that. A load on one point turns about it: nothing but friction brings its yaw to rest.
+    ///
+    /// # Errors
+    /// [`PlanError::Turning`] for a load on one point, else as [`Model::placed`].
+    pub fn comes_to_rest(&self, what: &'static str) -> Result<(), PlanError> {
+        match self.holding.freedom() {
+            Freedom::Plane { .. } => Ok(()),
+            Freedom::Point | Freedom::PlanePoint { .. } => Err(PlanError::Turning {
+                what,
+                robot: self.robot.name.clone(),
+            }),
+            Freedom::Hanging | Freedom::Pose => self.placed(what),
+        }
     }
 
     /// The same robot with other planning options.

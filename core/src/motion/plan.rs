@@ -76,6 +76,22 @@ pub enum PlanError {
         /// The robot's name.
         robot: String,
     },
+    /// What needs a platform at rest, of a load that turns freely.
+    #[error(
+        "{what} needs a platform that comes to rest; the load of {robot} hangs on one point, and nothing stops it turning"
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::turning),
+        help(
+            "measure its anchors from outside, with a tape or a tracker, and write them into the robot file (docs/calibration.md)"
+        )
+    )]
+    Turning {
+        /// What was asked for.
+        what: &'static str,
+        /// The robot's name.
+        robot: String,
+    },
     /// An attitude that the robot cannot take.
     #[error("step {step} asks for an attitude, but {why}")]
     #[diagnostic(

@@ -18,8 +18,10 @@ const MOST_STEPS: usize = 60;
 const LONGEST_STEP: f64 = 0.1;
 /// Measured lengths fit a pose if they are off by no more than this, root mean square, m.
 const FITS_M: f64 = 5e-3;
-/// The plane of the cables and a tool further from it than this do not belong together, m.
-const IN_PLANE_M: f64 = 1e-6;
+/// Passes between where lengths place a robot in its plane and where it hangs beside it.
+const MOST_PASSES: usize = 20;
+/// They end when a pass moves it by less than this, m.
+const SETTLED_M: f64 = 1e-9;
 
 impl Model {
     /// Whether the robot can be asked for an attitude (world_from_platform).
@@ -52,19 +54,13 @@ impl Model {
     ) -> Result<StaticState, PlanError> {
         let pose = self.pose_of(tool_m, attitude);
         let (x_mm, y_mm, z_mm) = (tool_m.x * 1e3, tool_m.y * 1e3, tool_m.z * 1e3);
-        if let Freedom::Plane { normal } | Freedom::PlanePoint { normal } = self.holding().freedom()
-        {
-            let cables = self.geometry().cables();
-            let anchor_m = cables.first().map_or(Vector3::zeros(), |c| c.anchor_m);
-            let off_m = normal.dot(&(pose.position_m - anchor_m)).abs();
-            if off_m > IN_PLANE_M {
-                return Err(PlanError::OffPlane {
-                    x_mm,
-                    y_mm,
-                    z_mm,
-                    off_mm: off_m * 1e3,
-                });
-            }
+        if let Some(off_m) = self.off_plane_m(&pose.position_m) {
+            return Err(PlanError::OffPlane {
+                x_mm,
+                y_mm,
+                z_mm,
+                off_mm: off_m * 1e3,
+            });
         }
         let nowhere = |source| PlanError::NoEquilibrium {
             x_mm,
@@ -72,7 +68,8 @@ impl Model {
             z_mm,
             source,
         };
-        let tensions_n = self.distributed(&pose).map_err(nowhere)?;
+        let hung = self.hung(&pose, |at| self.distributed(at));
+        let (pose, tensions_n) = hung.map_err(nowhere)?;
         self.posed(&pose, tensions_n).map_err(nowhere)
     }
 
@@ -213,14 +210,41 @@ impl Model {
             })
             .collect();
         let lost = |source| PlanError::Lengths { source };
+        let count = taut_m.len();
+        // Where the tensions of a plan are impossible the measured ones stand.
+        let pulled = |pose: &Pose| {
+            Ok(self.distributed(pose).unwrap_or_else(|_| {
+                CableVec::from_fn(count, |i| tensions_n.get(i).copied().unwrap_or(0.0))
+            }))
+        };
         let mut pose = self.pose_of(&robot.tool.home_in_world_m, &Rotation3::identity());
+        for _ in 0..MOST_PASSES {
+            let placed = self.placed_by(&taut_m, &pose).map_err(lost)?;
+            let (hung, tensions) = self.hung(&placed, pulled).map_err(lost)?;
+            let moved_m = (hung.position_m - pose.position_m).norm();
+            pose = hung;
+            // Lengths alone place a robot that does not hang beside its plane.
+            if self.beside().is_none() || moved_m < SETTLED_M {
+                return self.posed(&pose, tensions).map_err(lost);
+            }
+        }
+        Err(lost(Error::NotConverged {
+            solver: Solver::Pose,
+            iterations: MOST_PASSES,
+            residual: SETTLED_M,
+        }))
+    }
+
+    /// The pose that fits taut lengths best, moved from another along the freedoms that lengths hold.
+    fn placed_by(&self, taut_m: &[f64], from: &Pose) -> Result<Pose, Error> {
+        let mut pose = *from;
         let twists = self.holding().freedom().twists();
         let count = taut_m.len();
         let (mut off_m, mut iterations) = (f64::INFINITY, 0);
         while iterations < MOST_STEPS {
             iterations += 1;
-            let lengths_m = self.geometry().lengths_m(&pose).map_err(lost)?;
-            let rows = self.geometry().twist_jacobian(&pose).map_err(lost)?;
+            let lengths_m = self.geometry().lengths_m(&pose)?;
+            let rows = self.geometry().twist_jacobian(&pose)?;
             let wrong = DVector::from_iterator(
                 count,
                 taut_m
@@ -258,16 +282,12 @@ impl Model {
         }
         // Lengths that are not numbers fit nothing.
         if off_m.is_nan() || off_m > FITS_M {
-            return Err(lost(Error::NotConverged {
+            return Err(Error::NotConverged {
                 solver: Solver::Pose,
                 iterations,
                 residual: off_m,
-            }));
+            });
         }
-        // Where the tensions of a plan are impossible the measured ones stand.
-        let tensions = self.distributed(&pose).unwrap_or_else(|_| {
-            CableVec::from_fn(count, |i| tensions_n.get(i).copied().unwrap_or(0.0))
-        });
-        self.posed(&pose, tensions).map_err(lost)
+        Ok(pose)
     }
 }

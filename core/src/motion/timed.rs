@@ -293,7 +293,13 @@ impl Timed {
                 model.rest_planned(at_m, tension_n, None)?
             }
         };
-        self.push(None, *at_m, Track::still(rest), duration_s);
+        let beside = model.beside().map(|_| model.tool_m(&rest));
+        self.push(
+            None,
+            beside.unwrap_or(*at_m),
+            Track::still(rest),
+            duration_s,
+        );
         Ok(())
     }
 
@@ -388,7 +394,10 @@ impl Timed {
     pub fn tool_m(&self, time_s: f64) -> Result<Vector3<f64>, PlanError> {
         let (leg, way_m) = self.locate(time_s)?;
         match &leg.path {
-            Some((path, ..)) => Ok(path.point(way_m.clamp(0.0, path.length_m()))?.position_m),
+            Some((path, ..)) => {
+                let at_m = path.point(way_m.clamp(0.0, path.length_m()))?.position_m;
+                leg.track.tool_m(way_m, at_m)
+            }
             None => Ok(leg.at_m),
         }
     }

@@ -62,9 +62,12 @@ impl Turn {
 pub(crate) struct Track {
     length_m: f64,
     nodes: Vec<StaticState>,
-    /// Over the distance along the path: lengths, tensions, rotation vector, tool.
+    /// Over the distance along the path: lengths, tensions, rotation vector; of a robot that hangs beside its plane the
+    /// tool across it.
     channels: Vec<Spline>,
     cables: usize,
+    /// Normal of the plane beside which the robot hangs.
+    normal: Option<Vector3<f64>>,
 }
 
 impl Track {
@@ -134,10 +137,12 @@ impl Track {
             cables: rest.paid_out_m.len(),
             nodes: vec![rest],
             channels: Vec::new(),
+            normal: None,
         }
     }
 
     fn through(model: &Model, length_m: f64, nodes: &[StaticState]) -> Result<Self, PlanError> {
+        let normal = model.beside();
         let count = nodes.len().saturating_sub(1);
         let ways_m: Vec<_> = (0..=count).map(|i| share(i, count) * length_m).collect();
         let rows: Vec<Vec<f64>> = nodes
@@ -147,26 +152,30 @@ impl Track {
                 let lengths = rest.paid_out_m.iter().copied();
                 let tensions = rest.tensions_n().iter().copied();
                 let rotation = [turned.x, turned.y, turned.z];
-                lengths.chain(tensions).chain(rotation).collect()
+                let across = normal.map(|normal| normal.dot(&model.tool_m(rest)));
+                let all = lengths.chain(tensions).chain(rotation);
+                all.chain(across).collect()
             })
             .collect();
         let cables = model.robot().cables.len();
-        let channels: Result<Vec<_>, SplineError> = (0..2 * cables + 3)
-            .map(|channel| {
-                let values: Vec<_> = rows
-                    .iter()
-                    .map(|row| row.get(channel).copied().unwrap_or(f64::NAN))
-                    .collect();
-                // Over the way nothing rests at the ends: clamped or natural ends would bend the
-                // lengths there.
-                Spline::interpolate(&ways_m, &values, Ends::NotAKnot)
-            })
-            .collect();
+        let channels: Result<Vec<_>, SplineError> =
+            (0..2 * cables + 3 + usize::from(normal.is_some()))
+                .map(|channel| {
+                    let values: Vec<_> = rows
+                        .iter()
+                        .map(|row| row.get(channel).copied().unwrap_or(f64::NAN))
+                        .collect();
+                    // Over the way nothing rests at the ends: clamped or natural ends would bend the
+                    // lengths there.
+                    Spline::interpolate(&ways_m, &values, Ends::NotAKnot)
+                })
+                .collect();
         Ok(Self {
             length_m,
             nodes: nodes.to_vec(),
             channels: channels?,
             cables,
+            normal,
         })
     }
 
@@ -227,7 +236,19 @@ impl Track {
         Ok(values?)
     }
 
-    /// How the robot hangs at a point; `tool_m` is the path's point there.
+    /// Where the tool is at a point of the path, `at_m` (world, m): beside it, if the robot hangs beside its plane.
+    ///
+    /// # Errors
+    /// [`PlanError::Spline`] off the path.
+    pub fn tool_m(&self, way_m: f64, at_m: Vector3<f64>) -> Result<Vector3<f64>, PlanError> {
+        let Some((normal, channel)) = self.normal.zip(self.channels.last()) else {
+            return Ok(at_m);
+        };
+        let across_m = channel.sample(way_m.clamp(0.0, self.length_m))?.value;
+        Ok(at_m + normal * (across_m - normal.dot(&at_m)))
+    }
+
+    /// How the robot hangs at a point; `tool_m` is where the tool is there.
     ///
     /// # Errors
     /// [`PlanError::Spline`] off the path.

@@ -301,6 +301,8 @@ fn judge_state(
     let robot = model.robot();
     let limits = &robot.limits;
     if let Some([low, high]) = &limits.box_in_world_m {
+        // Nothing brings a robot closer to the plane beside which it hangs.
+        let tool_m = model.asked(tool_m);
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
             let (value, low, high) = (tool_m[axis], low[axis], high[axis]);
             if value < low || value > high {

@@ -1,5 +1,8 @@
 //! True poses of a simulated robot's tags, and the true mounting of its camera.
 
+use crate::experiment::of_calibration;
+use crate::machine;
+use crate::motion::Model;
 use crate::robot::{Robot, Tag, TagPlace};
 use mcdpr_core::random::Random;
 use mcdpr_kinematics::Pose;
@@ -86,12 +89,14 @@ impl Scene {
     }
 
     /// Pose of the simulator's world frame in the world frame that a calibrated robot knows: they
-    /// agree at the first body of tags. `None` for a robot that was not calibrated on the
+    /// agree at the first body of tags; for a robot in a plane, which cannot find where its camera is across that, they
+    /// agree there at the anchors, on average. `None` for a robot that was not calibrated on the
     /// simulator.
     #[must_use]
     pub(crate) fn known_from_true(robot: &Robot) -> Option<Pose> {
         let calibrated = robot.calibrated.as_ref()?;
-        Self::of(robot, calibrated.simulated_seed?).known_from_this(robot)
+        let agreed = Self::of(robot, calibrated.simulated_seed?).known_from_this(robot)?;
+        Some(anchors_agree_across(robot, agreed))
     }
 
     /// The same, of a robot that was calibrated over these tags.
@@ -108,6 +113,24 @@ impl Scene {
         let found = self.places.iter().find(|place| place.body == number);
         found.map(|place| &place.world_from_body)
     }
+}
+
+/// A pose of the true world frame in the one that a robot knows, shifted across the robot's plane, if it has one, so
+/// that the anchors are on average where it knows them.
+fn anchors_agree_across(robot: &Robot, known_from_true: Pose) -> Pose {
+    let model = Model::new(robot).ok();
+    let normal = model.and_then(|model| model.holding().freedom().normal());
+    let Some((normal, (machine, mismatch, seed))) = normal.zip(of_calibration(robot, 0)) else {
+        return known_from_true;
+    };
+    let built = machine::plant_params(machine, &mismatch, seed);
+    let pairs = robot.cables.iter().zip(&built.cables);
+    let off_m = pairs.map(|(known, true_one)| {
+        let seen_m = known_from_true.transform(&true_one.anchor_m.into());
+        normal.dot(&(known.anchor_in_world_m - seen_m))
+    });
+    let shift_m = normal * (off_m.sum::<f64>() / robot.cables.len().max(1) as f64);
+    known_from_true.displaced(&shift_m, &Vector3::zeros())
 }
 
 /// Where the tags lie if the robot file does not say it, world, m. A frame whose lowest anchors are below all that the

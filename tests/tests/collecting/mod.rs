@@ -1,5 +1,6 @@
-//! Collecting where tensions misbehave, or a cable slips.
+//! Collecting where tensions misbehave, or a cable slips, and on robots of other kinds.
 
+mod flat;
 mod high_up;
 mod shaken;
 mod slipping;

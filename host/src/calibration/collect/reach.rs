@@ -6,6 +6,7 @@ use super::super::{Data, data::View};
 use super::skeleton::ANCHOR_TOLERANCE_M;
 use super::travel;
 use crate::motion::{Model, PlanError, StaticState};
+use mcdpr_core::holding::Freedom;
 use mcdpr_core::random::Random;
 use mcdpr_kinematics::{
     AnyRobot, Cable, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions,
@@ -107,7 +108,7 @@ impl<'a> Reach<'a> {
     /// [`PlanError::Placed`] for a robot that neither hangs on three lengths and a tension nor has lengths that hold
     /// its whole pose.
     pub fn new(model: &'a Model) -> Result<Self, PlanError> {
-        model.placed("collecting")?;
+        model.comes_to_rest("collecting")?;
         let robot = model.robot();
         let held = model.holding().first_by_tension();
         let held = held.filter(|_| model.holding().hangs());
@@ -169,7 +170,7 @@ impl<'a> Reach<'a> {
     fn within(&self, rest: &StaticState) -> bool {
         let robot = self.model.robot();
         let limits = &robot.limits;
-        let tool = self.model.tool_m(rest);
+        let tool = self.model.asked(&self.model.tool_m(rest));
         let inside = limits
             .box_in_world_m
             .is_none_or(|[low, high]| (0..3).all(|k| (low[k]..=high[k]).contains(&tool[k])));
@@ -287,10 +288,25 @@ impl<'a> Reach<'a> {
         self.within(&rest).then_some(rest)
     }
 
-    /// An attitude within `size` times the limit of the tilt of another, about every axis.
+    /// An attitude within `size` times the limit of the tilt of another, about every axis; of a robot in a plane about
+    /// the plane's normal, within the limit.
     fn turned(&self, from: &Rotation3<f64>, size: f64, random: &mut Random) -> Rotation3<f64> {
-        let most_rad = self.model.robot().limits.tilt_max_rad * TILT_SHARE * size;
+        let limit_rad = self.model.robot().limits.tilt_max_rad * TILT_SHARE;
+        let most_rad = limit_rad * size;
+        if let Freedom::Plane { normal } = self.model.holding().freedom() {
+            let turn_rad = from.scaled_axis().dot(&normal) + random.within(most_rad);
+            return Rotation3::new(normal * turn_rad.clamp(-limit_rad, limit_rad));
+        }
         from * Rotation3::new(Vector3::from_fn(|_, _| random.within(most_rad)))
+    }
+
+    /// A place of the platform's origin within `size` times 0.1 m of another, in the robot's plane if it has one.
+    fn shifted(&self, from_m: &Vector3<f64>, size: f64, random: &mut Random) -> Vector3<f64> {
+        let shift_m = Vector3::from_fn(|_, _| random.within(0.1 * size));
+        match self.model.holding().freedom() {
+            Freedom::Plane { normal } => from_m + shift_m - normal * normal.dot(&shift_m),
+            _ => from_m + shift_m,
+        }
     }
 
     /// Resting places with tags in view, at random; `data` has camera, tags and their places. Fewer if `halt` is
@@ -313,7 +329,7 @@ impl<'a> Reach<'a> {
         size: f64,
         random: &mut Random,
     ) -> Option<Candidate> {
-        let at_m = candidate.pose.position_m + Vector3::from_fn(|_, _| random.within(0.1 * size));
+        let at_m = self.shifted(&candidate.pose.position_m, size, random);
         let mut asked = Asked {
             at_m,
             attitude: candidate.pose.rotation,

@@ -142,7 +142,7 @@ impl How {
         self.imu_refused(&robot, common)?;
         let before = self.before(path)?;
         let model = Model::new(&robot)?;
-        model.placed("collecting")?;
+        model.comes_to_rest("collecting")?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let mismatch = common.mismatch(Mismatch::as_built());
         let simulated = common.on == "sim";

@@ -76,7 +76,7 @@ pub(super) fn compose(
     }
     physics::show(&judged, &file.display().to_string());
     say!("the modules keep their constants: of the robot only the frame is to be identified");
-    if Model::new(&robot)?.placed("collecting").is_ok() {
+    if Model::new(&robot)?.comes_to_rest("collecting").is_ok() {
         say!("by mcdpr calibrate frame, with a camera on the platform");
     }
     Ok(())

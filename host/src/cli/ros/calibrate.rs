@@ -72,7 +72,7 @@ impl Node<'_> {
         let robot = crate::robot::find(&self.common.robot).map_err(|error| in_words(&error))?;
         let model = Model::new(&robot).map_err(|error| in_words(&error))?;
         model
-            .placed("collecting")
+            .comes_to_rest("collecting")
             .map_err(|error| in_words(&error))?;
         let keeper = Keeper::start(data_path(&self.common.robot));
         Ok((model, keeper.map_err(|error| error.to_string())?))
