@@ -30,6 +30,9 @@ pub(crate) struct Cmd {
     keep_in_view: Option<Vec<f64>>,
     #[command(flatten)]
     known: Known,
+    /// Plan by what was tracked of the robot with this file (`run --track`), and state the tube by it
+    #[arg(long, conflicts_with = "anchors_within_mm")]
+    tracked: bool,
 }
 
 /// What is known of the machine, for the tube around the path.
@@ -122,7 +125,20 @@ impl Cmd {
         } else {
             Drawing::Always
         };
-        show(common, &model, task, &watch, drawing, file, &self.known)?;
+        let belief = self.known.belief(&robot)?;
+        let (model, belief) = if self.tracked {
+            let tracking = super::track::in_use(common, &model)?;
+            let start = robot.tool.home_in_world_m;
+            let task = task.clone().approached_from(&start, None)?;
+            let seconds = Plan::unjudged(tracking.model(), &start, &task.steps)?
+                .timed
+                .duration_s();
+            let doubts = doubts(self.known.anchors_within_mm, self.known.payload_kg);
+            (tracking.model().clone(), tracking.belief(seconds, &doubts))
+        } else {
+            (model, belief)
+        };
+        show(common, &model, task, &watch, drawing, file, &belief)?;
         if drawing == Drawing::Always && !common.json {
             say!(
                 "next: mcdpr run {} --robot {}",
@@ -152,10 +168,9 @@ pub(crate) fn show(
     watch: &Watch,
     drawing: Drawing,
     file: Option<(&Path, PlotFormat)>,
-    known: &Known,
+    belief: &Belief,
 ) -> Outcome {
     let name = task.name.clone();
-    let belief = known.belief(model.robot())?;
     super::run::say_choice(model);
     let start = model.robot().tool.home_in_world_m;
     let task = task.approached_from(&start, None)?;
@@ -166,7 +181,7 @@ pub(crate) fn show(
     let draws = common.record.is_some() || (drawing == Drawing::Always && judged.is_ok());
     // A refused plan is drawn without one: what is wrong with it is said first.
     let tube = match &judged {
-        Ok(plan) => Tube::along(plan, &belief)?,
+        Ok(plan) => Tube::along(plan, belief)?,
         Err(_) => None,
     };
     let folder = draws

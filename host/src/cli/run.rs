@@ -92,7 +92,7 @@ impl Cmd {
                 &Watch::default(),
                 drawing,
                 None,
-                &super::plan::Known::default(),
+                &super::plan::Known::default().belief(&robot)?,
             );
         }
         say_choice(&model);

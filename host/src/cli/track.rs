@@ -184,6 +184,20 @@ impl Started {
     }
 }
 
+/// What is tracked of the robot with this file, now.
+///
+/// # Errors
+/// Nothing is; the state is another robot's, or damaged, or of another description.
+pub(crate) fn in_use(common: &Common, model: &Model) -> miette::Result<Tracking> {
+    match Store::beside(&common.robot).resume(model, &prior())? {
+        (tracking, Some(_)) => Ok(tracking),
+        (_, None) => {
+            let reason = "nothing is tracked of this robot yet; `mcdpr run TASK --track --on PORT` begins it";
+            Err(Failed::from_error("--tracked")(reason.to_owned()).into())
+        }
+    }
+}
+
 /// Adds what a session on a port tracked to the history.
 pub(crate) fn remember(common: &Common, task: &str, rests: &[Lesson]) {
     if common.on == "sim" || rests.is_empty() {

@@ -46,7 +46,7 @@ pub struct Doubts {
     pub bandwidth: f64,
     /// Time by which all drives are late or early together, s.
     pub late_s: f64,
-    /// Root mean square of the swing over the amplitude that a plan excites by the platform's natural modes.
+    /// Standard deviation of the swing over the amplitude that a plan excites by the platform's natural modes.
     pub swing: f64,
     /// Time in which a swing dies away to 1/e, s.
     pub swing_s: f64,
@@ -54,8 +54,8 @@ pub struct Doubts {
 
 /// A uniform error of half width 1 as a standard deviation: one over the root of three.
 const UNIFORM: f64 = 0.577_350_269_189_625_8;
-/// Root mean square of a sine of amplitude 1.
-const SINE_RMS: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// A sine of amplitude 1 stays within 0.997 for 95 % of the time: a normal distribution of this standard deviation within 1.
+const SINE: f64 = 0.51;
 /// Time in which a swing dies away, s. Nothing is known of a real platform's.
 const SWING_S: f64 = 30.0;
 
@@ -90,7 +90,7 @@ impl Doubts {
             payload_kg: 0.0,
             bandwidth: 0.2 * UNIFORM,
             late_s: 5e-4,
-            swing: SINE_RMS,
+            swing: SINE,
             swing_s: SWING_S,
         }
     }
