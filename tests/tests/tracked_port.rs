@@ -42,6 +42,20 @@ fn the_state_outlasts_the_program_and_any_earlier_one_can_be_used_again() {
             .unwrap()
     };
     assert!(strain(&kept, 0) > 0.0, "{kept}");
+    // A plan by what is tracked says so, and so do the plans that were driven.
+    let words = ["plan", "fitting", "--robot", "lab-fast", "--dry-run"];
+    let plan = |more: &[&str]| document(&[&words[..], more].concat(), folder.path());
+    let tube = |plan: &Value| plan["tube"]["mean_m"].as_f64().unwrap();
+    let (tracked, plain) = (plan(&["--tracked"]), plan(&[]));
+    assert_eq!(tracked["tube"]["source"], "what is tracked");
+    assert!(
+        tube(&tracked) < tube(&plain),
+        "{} {}",
+        tube(&tracked),
+        tube(&plain)
+    );
+    assert!(first["tubes"][0]["inside"].is_null(), "{first}");
+    assert!(first["tubes"][0]["mean_m"].as_f64().unwrap() < tube(&plain));
     // No camera has looked: nothing can tell where the camera is on its bracket.
     assert_eq!(kept["state"]["camera_m"][0]["observed"], false);
     // A second program goes on from there: less is new to it than to the first.

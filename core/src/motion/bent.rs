@@ -53,7 +53,7 @@ impl Model {
 
     /// A place of the platform's origin (world, m), brought into the plane in which the robot moves, if it has one.
     #[must_use]
-    pub fn in_plane(&self, at_m: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn in_plane(&self, at_m: &Vector3<f64>) -> Vector3<f64> {
         self.plane().map_or(*at_m, |plane| {
             at_m - plane.normal * (plane.normal.dot(at_m) - plane.at_m)
         })

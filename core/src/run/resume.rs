@@ -1,7 +1,7 @@
 //! Continuing a task that a loss of power interrupted.
 
 use super::RunError;
-use super::session::approached;
+use super::planning::approached;
 use crate::motion::{Action, Interruption, Model, Plan, Planner, Resumed, Step, Task, remaining};
 use crate::recovery::{Journal, JournalError};
 use mcdpr_protocol::{BoardState, Status};
