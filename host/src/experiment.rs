@@ -186,7 +186,7 @@ impl SimulatedRobot {
     /// Where it cannot hang there.
     pub fn at_home(&self, model: &Model) -> Result<SimulatedLink, RunError> {
         let described = self.machine.as_ref().unwrap_or(model.robot());
-        let calibrated = of_calibration(model.robot(), self.session);
+        let calibrated = machine::of_calibration(model.robot(), self.session);
         let (machine, mismatch, seed) = calibrated.unwrap_or((described, self.mismatch, self.seed));
         let mismatch = &mismatch;
         // The emulated chip is the board of the paper: it has four modules.
@@ -205,19 +205,6 @@ impl SimulatedRobot {
         machine::line_to(machine, plant, &self.line, seed, &self.controller)
             .map_err(|error| RunError::Client(error.into()))
     }
-}
-
-/// The machine of a robot that was calibrated on the simulator: as it was designed, with the errors and the seed
-/// that it was calibrated with. Homed anew since, and its cells have drifted, unless `session` is 0. `None` for any
-/// other robot.
-pub(crate) fn of_calibration(robot: &Robot, session: u64) -> Option<(&Robot, Mismatch, u64)> {
-    let calibrated = robot.calibrated.as_deref()?;
-    let seed = calibrated.simulated_seed?;
-    let kind = calibrated.simulated_machine.as_deref();
-    let built = kind
-        .and_then(Mismatch::named)
-        .unwrap_or(Mismatch::as_built());
-    Some((&calibrated.designed, built.in_session(session), seed))
 }
 
 /// A task to be run on a robot: a simulated one ([`Self::simulate`]) or any board behind a line

@@ -1,6 +1,5 @@
 //! True poses of a simulated robot's tags, and the true mounting of its camera.
 
-use crate::experiment::of_calibration;
 use crate::machine;
 use crate::motion::Model;
 use crate::robot::{Robot, Tag, TagPlace};
@@ -120,7 +119,8 @@ impl Scene {
 fn anchors_agree_across(robot: &Robot, known_from_true: Pose) -> Pose {
     let model = Model::new(robot).ok();
     let normal = model.and_then(|model| model.holding().freedom().normal());
-    let Some((normal, (machine, mismatch, seed))) = normal.zip(of_calibration(robot, 0)) else {
+    let Some((normal, (machine, mismatch, seed))) = normal.zip(machine::of_calibration(robot, 0))
+    else {
         return known_from_true;
     };
     let built = machine::plant_params(machine, &mismatch, seed);

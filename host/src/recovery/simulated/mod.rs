@@ -8,9 +8,9 @@ pub use after::AfterCut;
 
 use super::MemoryDisk;
 use super::writer::{About, JournalWriter};
-use crate::experiment::{Experiment, in_known_frame, of_calibration};
+use crate::experiment::{Experiment, in_known_frame};
 use crate::link::{ClientError, plant_failed};
-use crate::machine::{self, Controller, Mismatch};
+use crate::machine::{self, Controller, Mismatch, of_calibration};
 use crate::motion::{Model, Task};
 use crate::record::EventBus;
 use crate::record::events::{Patience, Watched};
