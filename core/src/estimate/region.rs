@@ -1,6 +1,6 @@
 //! How far an error of a known covariance reaches.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Matrix3x6, Vector3};
 
 /// The quantile of a chi-square distribution at a normal deviate (Wilson and Hilferty 1931).
 #[must_use]
@@ -41,11 +41,20 @@ fn radius_m(covariance_m2: &Matrix3<f64>, limited_m2: &Matrix3<f64>, deviate: f6
     (variance / (2.0 * mean) * chi2_quantile(freedoms, deviate)).sqrt()
 }
 
+/// Shift of the tool (world, m) per shift (m) and turn (rad, world) of the platform, the tool at `arm` from its origin
+/// (world, m).
+#[must_use]
+pub(crate) fn tool_per_pose(arm: &Vector3<f64>) -> Matrix3x6<f64> {
+    let mut out = Matrix3x6::identity();
+    out.fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&-arm.cross_matrix());
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::Random;
-    use nalgebra::Vector3;
 
     #[test]
     fn a_quantile_is_that_of_the_tables() {

@@ -8,9 +8,10 @@
 use super::gaussian::{Linear, triangulate};
 use super::layout::Layout;
 use crate::estimate::Measurements;
+use crate::estimate::region::tool_per_pose;
 use crate::robot::{Control, Robot};
 use mcdpr_kinematics::{AnyRobot, Cable, GRAVITY_MPS2, Platform, Pose};
-use nalgebra::{Matrix3, Matrix3x6, Matrix6, Rotation3, SVector, Vector3};
+use nalgebra::{Matrix3, Matrix6, Rotation3, SVector, Vector3};
 
 /// Standard deviations of one rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -415,13 +416,7 @@ impl Rest<'_> {
             return None;
         }
         let arm = hanging.pose.rotation * self.robot.tool.tcp_in_platform_m;
-        let mut by_twist = Matrix3x6::zeros();
-        by_twist
-            .fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&Matrix3::identity());
-        by_twist
-            .fixed_view_mut::<3, 3>(0, 3)
-            .copy_from(&-arm.cross_matrix());
+        let by_twist = tool_per_pose(&arm);
         let size = self.layout().size();
         let mut slopes = [vec![0.0; size], vec![0.0; size], vec![0.0; size]];
         let mut all = Vec::with_capacity(3);

@@ -2,6 +2,7 @@
 
 use super::gaussian::{Gaussian, Linear};
 use super::*;
+use crate::estimate::region::tool_per_pose;
 use crate::estimate::tube::Doubts;
 use crate::random::Random;
 use crate::robot::Robot;
@@ -256,13 +257,7 @@ fn the_tube_of_tracked_states_is_as_wide_as_their_region() {
         let platform = belief.platform_at(&planner, &rest).unwrap().unwrap();
         let said = tracker.region(&measured, &[1.0; 4], &near).unwrap();
         let arm = rest.equilibrium.pose.rotation * model.robot().tool.tcp_in_platform_m;
-        let mut by_pose = nalgebra::Matrix3x6::zeros();
-        by_pose
-            .fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&Matrix3::identity());
-        by_pose
-            .fixed_view_mut::<3, 3>(0, 3)
-            .copy_from(&-arm.cross_matrix());
+        let by_pose = tool_per_pose(&arm);
         let tool = by_pose * platform * by_pose.transpose();
         let ratio = (tool.trace() / said.covariance_m2.trace()).sqrt();
         widths_m.push((
@@ -277,4 +272,49 @@ fn the_tube_of_tracked_states_is_as_wide_as_their_region() {
     for (ratio, ..) in &widths_m[1..] {
         assert!((0.95..1.1).contains(ratio), "{widths_m:?}");
     }
+}
+
+#[test]
+fn a_tube_counts_what_plans_lag_behind_and_the_creep_to_come() {
+    let model = model();
+    let doubts = Doubts::within(5e-3);
+    let spread = |tracker: &Tracker, seconds: f64| {
+        let rest = tracker.model(&model).unwrap().rest_at_home().unwrap();
+        let belief = tracker.belief(seconds, rest.tensions_n(), &doubts);
+        let platform = belief.platform_at(&model, &rest).unwrap().unwrap();
+        platform.fixed_view::<3, 3>(0, 0).trace().sqrt()
+    };
+    // All cables are half a millimetre longer than their encoders say; plans follow at once, or hardly.
+    let after = |step_m: f64| {
+        let prior = Prior {
+            step_m,
+            length_m: 1e-3,
+            ..Prior::default()
+        };
+        let mut tracker = Tracker::new(&model, &prior);
+        let (mut measured, hauled, near) = exact(&model, [0.0; 3]);
+        measured.lengths_m.iter_mut().for_each(|m| *m -= 5e-4);
+        assert!(tracker.rest(&measured, &hauled, &near).fits);
+        tracker
+    };
+    let (quick, slow) = (after(1.0), after(1e-6));
+    let lacks = slow.now.mean.iter().zip(&slow.planned);
+    assert!(
+        lacks
+            .into_iter()
+            .any(|(now, planned)| (now - planned).abs() > 5e-5)
+    );
+    assert!(
+        spread(&slow, 0.0) > 1.03 * spread(&quick, 0.0),
+        "{} {}",
+        spread(&slow, 0.0),
+        spread(&quick, 0.0)
+    );
+    // A minute of fast creep under 10 N is some tenths of a millimetre of cable.
+    assert!(
+        spread(&quick, 60.0) > 1.1 * spread(&quick, 0.0),
+        "{} {}",
+        spread(&quick, 60.0),
+        spread(&quick, 0.0)
+    );
 }

@@ -57,7 +57,7 @@ pub struct Tube {
     pub mostly: (&'static str, f64),
     /// Where the belief in the machine comes from.
     pub source: String,
-    /// How the platform swings at the end: mean square of its shift (m) and turn (rad), world, about its origin.
+    /// How the platform swings at the end: covariance of its shift (m) and turn (rad), world, about its origin.
     #[serde(skip)]
     pub swings: Matrix6<f64>,
 }

@@ -1,10 +1,11 @@
 //! How far the tool moves for each error of the machine, at one time of a plan.
 
 use super::belief::{AtHome, Errors, PER_CABLE};
+use crate::estimate::region::tool_per_pose;
 use crate::motion::{Model, Plan, PlanError, StaticState};
 use crate::robot::Robot;
 use mcdpr_kinematics::{CablePath, GRAVITY_MPS2, Pose};
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x6, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Half of the time over which speed is taken, s.
 const HALF_S: f64 = 0.02;
@@ -270,15 +271,6 @@ impl Instant<'_> {
         let home = calibrated.and_then(|known| known.home_lengths_m.get(cable).copied());
         home.unwrap_or(0.0)
     }
-}
-
-/// Shift of the tool (world, m) per shift (m) and turn (rad, world) of the platform, the tool at `arm` from its origin
-/// (world, m).
-pub(super) fn tool_per_pose(arm: &Vector3<f64>) -> Matrix3x6<f64> {
-    let mut out = Matrix3x6::identity();
-    out.fixed_view_mut::<3, 3>(0, 3)
-        .copy_from(&-arm.cross_matrix());
-    out
 }
 
 /// A unit error of an anchor (kinds 0 to 2, world) or an attachment (3 to 5, platform's frame), world.

@@ -6,7 +6,7 @@
 //! natural mode: the phase is lost within some periods, since frequencies are known to some percent only.
 
 use super::belief::Doubts;
-use super::slopes::tool_per_pose;
+use crate::estimate::region::tool_per_pose;
 use crate::motion::{Model, PlanError, StaticState};
 use crate::robot::TensionOutput;
 use mcdpr_kinematics::Pose;
@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector6};
 /// A platform on its way.
 pub(super) struct Swing {
     doubts: Doubts,
-    /// Mean square that was there before, now: shift (m) and turn (rad), world, about the platform's origin.
+    /// Covariance of what was there before, now: shift (m) and turn (rad), world, about the platform's origin.
     before: Matrix6<f64>,
     /// The same of the plan's own swing.
     own: Matrix6<f64>,
@@ -38,7 +38,7 @@ impl Swing {
         }
     }
 
-    /// Goes on to a point of the plan: mean square of the tool's swing there, m2. `None` where the platform has no modes.
+    /// Goes on to a point of the plan: covariance of the tool's swing there, m2. `None` where the platform has no modes.
     ///
     /// # Errors
     /// A pose without geometry.
@@ -70,14 +70,14 @@ impl Swing {
         Ok(Some(self.tool(model, &pose)))
     }
 
-    /// Mean square of the tool's swing with the platform at this pose, m2.
+    /// Covariance of the tool's swing with the platform at this pose, m2.
     fn tool(&self, model: &Model, pose: &Pose) -> Matrix3<f64> {
         let arm = pose.rotation * model.robot().tool.tcp_in_platform_m;
         let tool = tool_per_pose(&arm);
         tool * self.left() * tool.transpose()
     }
 
-    /// Mean square of the platform's swing now: shift (m) and turn (rad), world.
+    /// Covariance of the platform's swing now: shift (m) and turn (rad), world.
     pub(super) fn left(&self) -> Matrix6<f64> {
         self.before + self.own
     }

@@ -2,7 +2,7 @@
 
 use super::slopes::{Instant, Motion};
 use super::*;
-use crate::motion::{Model, Step, path::Path};
+use crate::motion::{Drift, Model, Step, path::Path};
 use crate::robot::Robot;
 use nalgebra::Vector3;
 
@@ -19,16 +19,20 @@ fn plan(model: &Model) -> Plan {
 
 /// Where the tool hangs on a machine with one error, under what the plan commands at its end.
 fn shifted(model: &Model, plan: &Plan, change: &dyn Fn(&mut Robot)) -> Vector3<f64> {
-    let rest = plan.state(plan.timed.duration_s()).unwrap();
     let mut robot = model.robot().clone();
     change(&mut robot);
-    let other = Model::new(&robot).unwrap();
+    hanging(&Model::new(&robot).unwrap(), model, plan)
+}
+
+/// Where the tool of another machine hangs under what the plan commands at its end.
+fn hanging(other: &Model, model: &Model, plan: &Plan) -> Vector3<f64> {
+    let rest = plan.state(plan.timed.duration_s()).unwrap();
     let mut hanging = other
         .rest_from_lengths(&rest.paid_out_m, rest.tensions_n())
         .unwrap();
     // The stretch of the first answer is that of the tensions given: again with its own.
     for _ in 0..20 {
-        let tensions: Vec<f64> = (0..robot.cables.len())
+        let tensions: Vec<f64> = (0..model.robot().cables.len())
             .map(|i| {
                 if model.holding().by_length().contains(&i) {
                     hanging.tensions_n()[i]
@@ -86,6 +90,18 @@ fn a_slope_is_what_statics_solved_again_say() {
         check(errors.compliance(cable), 0.01, &|robot| {
             robot.cables[cable].ea_n /= 1.01;
         });
+    }
+    for cable in 0..3 {
+        let mut drift = [Drift::default(); 4];
+        drift[cable].strain = small;
+        let longer = model.clone().with_drift(&drift);
+        let moved = (hanging(&longer, &model, &plan) - before) / small;
+        let said = slopes.column(errors.strain(cable)).into_owned();
+        let off = (moved - &said).norm() / moved.norm();
+        assert!(
+            off < 0.02,
+            "creep of cable {cable}: {said} said, {moved} solved"
+        );
     }
     check(errors.mass(), 0.01, &|robot| robot.platform.mass_kg += 0.01);
     for axis in 0..3 {
@@ -181,7 +197,8 @@ fn a_plan_swings_by_its_acceleration_and_leaves_a_swing_behind() {
         let last = plan(0.38);
         let rest = last.state(last.timed.duration_s()).unwrap();
         let turn = rest.equilibrium.pose.rotation;
-        let by_pose = super::slopes::tool_per_pose(&(turn * model.robot().tool.tcp_in_platform_m));
+        let by_pose =
+            crate::estimate::region::tool_per_pose(&(turn * model.robot().tool.tcp_in_platform_m));
         ((by_pose * swings * by_pose.transpose()).trace() * 1e6).sqrt()
     };
     assert!(
