@@ -61,7 +61,7 @@ impl Tracker {
 
     /// Errors of the tube as linear functions of the states, of a platform of this mass (kg) and centre of mass (platform's
     /// frame, m).
-    fn rows_of(
+    pub(super) fn rows_of(
         &self,
         errors: Errors,
         mass_kg: f64,
