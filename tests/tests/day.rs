@@ -2,12 +2,14 @@
 //! calibration, and the wear of its cables.
 
 use mcdpr::control::Handle;
-use mcdpr::estimate::tube::{Belief, Doubts};
+use mcdpr::estimate::tube::{Belief, Doubts, Tube};
+use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::machine::{Controller, Mismatch};
-use mcdpr::motion::Model;
+use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
 use mcdpr::study::tube::audit;
 use mcdpr_tests::process::{Folder, call, document, refused};
+use nalgebra::Vector3;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -62,6 +64,58 @@ fn a_plan_says_how_far_the_tool_may_be_off() {
         folder.path(),
     );
     assert!(said.contains("--payload-kg"), "{said}");
+}
+
+#[test]
+fn the_platform_swings_after_a_motion_as_much_as_its_tube_says() {
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    // Slowly to a place low in the frame, where the platform is held loosely, then 40 mm as fast as it goes.
+    let task = "start_mm = [335, 0, -300]\n\
+        [[leg]]\nto_mm = [470.6, 7.8, -506.6]\nspeed_mm_s = 17\n[[leg]]\ndwell_s = 4\n\
+        [[leg]]\nto_mm = [494.6, 85.9, -474.6]\nspeed_mm_s = 380\n[[leg]]\ndwell_s = 4\n";
+    let task = Task::parse(task, "swing.toml".into()).unwrap();
+    let machine = SimulatedRobot::new(Mismatch::default(), 1);
+    let run = Experiment::new(&model, task)
+        .simulate(&machine)
+        .unwrap()
+        .run;
+    // The machine is as described: swing is all that is left.
+    let exact = Doubts {
+        anchor_m: 0.0,
+        attachment_m: 0.0,
+        length_m: 0.0,
+        compliance: 0.0,
+        gain: 0.0,
+        zero_n: 0.0,
+        loss: 0.0,
+        mass: 0.0,
+        center_m: 0.0,
+        bandwidth: 0.0,
+        late_s: 0.0,
+        ..Doubts::within(0.0)
+    };
+    let belief = Belief::of(model.robot(), &exact);
+    let tube = Tube::along(&run.plan, &belief).unwrap().unwrap();
+    let path = run.true_path.as_deref().unwrap();
+    let end_s = run.plan.timed.duration_s();
+    for second in [3.5, 2.5, 1.5] {
+        let from_s = end_s - second;
+        let points = path
+            .iter()
+            .filter(|point| (from_s..from_s + 1.0).contains(&point.path_s));
+        let places: Vec<Vector3<f64>> = points.map(|point| point.tool_m.into()).collect();
+        assert!(places.len() > 900, "{}", places.len());
+        let mean: Vector3<f64> = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
+        let squares: f64 = places.iter().map(|at| (at - mean).norm_squared()).sum();
+        let rms_mm = (squares / places.len() as f64).sqrt() * 1e3;
+        // A sine within the radius.
+        let said_mm = tube.radius_m(from_s + 0.5) * 1e3 * std::f64::consts::FRAC_1_SQRT_2;
+        eprintln!("{second} s before the end: {rms_mm:.3} mm, said {said_mm:.3} mm");
+        assert!(
+            rms_mm > 0.2 && (0.6..1.5).contains(&(rms_mm / said_mm)),
+            "{rms_mm} {said_mm}"
+        );
+    }
 }
 
 #[test]
