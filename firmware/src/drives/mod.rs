@@ -64,6 +64,8 @@ pub struct DriveBus<const N: usize> {
     /// Bit n: the slot of drive n has come and its frame is not sent yet.
     late: u8,
     sync_late: bool,
+    /// Ticks since the last SYNC, at which the drives read their encoders (CiA 301).
+    since_sync_ms: u8,
     bus: BusState,
     /// The next drive number to be asked in a scan, from 1; beyond the last, the waiting time for
     /// late answers.
@@ -90,6 +92,7 @@ impl<const N: usize> Default for DriveBus<N> {
             }; N],
             late: 0,
             sync_late: false,
+            since_sync_ms: 0,
             bus: BusState::Active,
             asking: SCANNED,
             found: [0; 4],
@@ -109,6 +112,7 @@ impl<const N: usize> DriveBus<N> {
         }
         // Only these drives have heartbeats; an RMDS does not pay for them.
         if self.kind == DriveKind::Cia402 {
+            self.since_sync_ms = self.since_sync_ms.saturating_add(1);
             for drive in &mut self.drives {
                 drive.quiet_ms = drive.quiet_ms.saturating_add(1);
                 drive.since_ms = drive.since_ms.saturating_add(1);
@@ -131,7 +135,10 @@ impl<const N: usize> DriveBus<N> {
                 DriveKind::Cia402 => {
                     for drive in &mut self.drives {
                         if cia402::take(drive, &frame) {
-                            drive.input.age_ms = 0;
+                            // Not from its arrival on: at 200 mm/s the drum has turned by 0.4 mm since
+                            // SYNC if the frame of an eighth drive comes two ticks later.
+                            let whole = self.since_sync_ms.saturating_sub(1);
+                            drive.input.age_ms = u16::from(whole);
                         }
                     }
                 }
@@ -309,6 +316,9 @@ impl<const N: usize> DriveBus<N> {
             .is_multiple_of(u32::from(shortest.unwrap_or(1).max(1)));
         if self.sync_late {
             self.sync_late = port.send(&cia402::sync()).is_err();
+            if !self.sync_late {
+                self.since_sync_ms = 0;
+            }
         }
         // At remainder 1: not in the tick of a SYNC with an even period, which is the usual one.
         if now.0 % cia402::BOARD_BEAT_MS == 1 {

@@ -1,5 +1,6 @@
 //! Parameters of the plant: plain numbers in SI, one struct per physical part.
 
+use super::sensors::ADC_REFERENCE_V;
 use super::slow::SlowParams;
 
 /// The most cables a plant can have.
@@ -210,6 +211,19 @@ pub struct TensionSensorParams {
     pub max_n: f64,
     /// How its zero drifts.
     pub drift: SensorDrift,
+}
+
+impl TensionSensorParams {
+    /// Tension at which the converter's input is at its upper end (N).
+    ///
+    /// ```
+    /// let sensor = mcdpr_simulator::plant::WinchParams::default().sensor;
+    /// assert!((sensor.range_n() - 39.13).abs() < 0.01); // 12.77 N/V (3.3 - 0.2355) V
+    /// ```
+    #[must_use]
+    pub fn range_n(&self) -> f64 {
+        self.gain_n_per_v * (ADC_REFERENCE_V - self.zero_v)
+    }
 }
 
 /// Drift of a tension sensor's zero: half of it steady, half in waves of some hours.
@@ -467,6 +481,13 @@ impl WinchParams {
     #[must_use]
     pub fn force_per_ampere_n(&self) -> f64 {
         self.torque_constant_nm_per_a * self.gear_ratio / self.drum_radius_m
+    }
+
+    /// Force at the cable that the greatest current gives behind the losses of the gear (N).
+    #[must_use]
+    pub fn greatest_pull_n(&self) -> f64 {
+        let kept = (self.gear.as_ref()).map_or(1.0, |gear| gear.efficiency_driving);
+        self.force_per_ampere_n() * self.max_current_a * kept
     }
 
     /// Cable speed at the motor's speed limit (m/s).

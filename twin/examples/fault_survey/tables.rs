@@ -1,15 +1,8 @@
 //! Tables of a survey: by row of the fault table, by phase, and the confusions.
 
 use mcdpr_protocol::FaultId;
-use mcdpr_twin::faults::survey::{Moment, Outcome, silent, word};
+use mcdpr_twin::faults::survey::{Moment, Outcome, word};
 use std::collections::BTreeMap;
-
-/// Whether docs/faults.md says that nothing has to be reported.
-fn may_be_silent(outcome: &Outcome) -> bool {
-    let moment = outcome.drawn.moment;
-    let mut injections = outcome.drawn.injections.iter();
-    injections.all(|injection| silent(injection, moment).is_some())
-}
 
 fn share(part: usize, of: usize) -> String {
     if of == 0 {
@@ -34,7 +27,7 @@ fn counts<'a>(outcomes: impl Iterator<Item = &'a Outcome>) -> Counts {
     let mut counts = Counts::default();
     for outcome in outcomes {
         counts.runs += 1;
-        if may_be_silent(outcome) {
+        if outcome.may_be_silent {
             continue;
         }
         counts.due += 1;
@@ -165,7 +158,7 @@ pub(crate) fn list(all: &[Outcome]) {
             (None, None) => "nothing".to_owned(),
         };
         let verdict = match outcome.told {
-            _ if may_be_silent(outcome) => "need not be noticed",
+            _ if outcome.may_be_silent => "need not be noticed",
             named if named.fault && named.cable => "right",
             named if named.fault => "wrong cable",
             _ => "wrong",

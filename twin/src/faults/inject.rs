@@ -3,8 +3,16 @@
 
 use super::{Injection, Snag, Supply};
 use mcdpr_protocol::FaultId;
-use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, TensionFault};
+use mcdpr_simulator::plant::{
+    CableFaults, EncoderFault, PlantError, PlantParams, TensionFault,
+};
 use mcdpr_simulator::{BoardFailure, FaultLineTap, Simulation, WireFaults};
+
+/// A contact at full strength carries this share of the platform's weight (C5): the board's limit is a
+/// fifth of it, or more where cables are tight against each other.
+const CONTACT_SHARE: f64 = 1.0 / 3.0;
+/// A drifted sensor at full strength is off by this share of its range (S10).
+const OFFSET_SHARE: f64 = 1.0 / 8.0;
 
 /// Where a fault is injected, in words; or why it cannot be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,14 +48,14 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::S7 => How::Plant("the tension input is open"),
         FaultId::S8 => How::Plant("the tension input is shorted"),
         FaultId::S9 => How::Plant("the tension sensor's noise is ten times as large"),
-        FaultId::S10 => How::Plant("the tension sensor is off by 5 N"),
+        FaultId::S10 => How::Plant("the tension sensor is off by an eighth of its range"),
         FaultId::S11 => How::Plant("the tension reading freezes"),
         FaultId::D1 => How::Plant("the drive bus carries nothing"),
         FaultId::D2 => {
             How::Plant("the drive fails: it gives no torque, and a CiA 402 drive says so")
         }
         FaultId::D3 => How::Plant("the drive sends no feedback"),
-        FaultId::D4 => How::Plant("the brake drags with 76 N: the motor gives all it has"),
+        FaultId::D4 => How::Plant("the brake drags with as much as the motor has behind its gear"),
         FaultId::D5 => How::Plant("the drive never comes up"),
         FaultId::D6 => How::Plant("the drive reports that it is too hot (CiA 402 only)"),
         FaultId::D7 => How::Plant("the drive ignores its commands"),
@@ -60,7 +68,7 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::C2 => How::Plant("1 mm of cable is drawn in between drum and platform"),
         FaultId::C3 => How::Plant("the cable breaks"),
         FaultId::C4 => How::Plant("the drum winds 10 % more cable per turn"),
-        FaultId::C5 => How::Plant("something carries 5 N of the platform's weight"),
+        FaultId::C5 => How::Plant("something carries a third of the platform's weight"),
         FaultId::P1 | FaultId::P3 | FaultId::P4 | FaultId::P5 | FaultId::P6 => {
             How::Not("it happens to the processor; the tests of the emulated chip show it")
         }
@@ -191,6 +199,12 @@ fn cut(simulation: &mut Simulation, supply: Supply) -> Result<HostSide, PlantErr
     })
 }
 
+/// The platform's weight, N.
+fn weight_n(params: &PlantParams) -> f64 {
+    let [x, y, z] = params.gravity_mps2;
+    params.platform.mass_kg * (x * x + y * y + z * z).sqrt()
+}
+
 fn apply_to_plant(
     simulation: &mut Simulation,
     fault: FaultId,
@@ -208,6 +222,8 @@ fn apply_to_plant(
         return Ok(());
     }
     let plant = simulation.plant_mut();
+    let winch = plant.params().winches.get(cable);
+    let (motor_n, range_n) = winch.map_or((0.0, 0.0), |winch| (winch.greatest_pull_n(), winch.sensor.range_n()));
     #[expect(clippy::cast_possible_truncation, reason = "saturates")]
     let jump = (500.0 * strength) as i16;
     match fault {
@@ -219,7 +235,10 @@ fn apply_to_plant(
             let gain = (1.0 + 0.1 * strength).clamp(0.5, 2.0);
             return plant.set_winding_gain(cable, gain);
         }
-        FaultId::C5 => return plant.set_load([0.0, 0.0, 5.0 * strength], [0.0; 3], [0.0; 3]),
+        FaultId::C5 => {
+            let held_n = CONTACT_SHARE * strength * weight_n(plant.params());
+            return plant.set_load([0.0, 0.0, held_n], [0.0; 3], [0.0; 3]);
+        }
         FaultId::P2 => plant.lose_supply(),
         FaultId::P7 => plant.set_e_stop(true),
         _ => {}
@@ -240,9 +259,9 @@ fn apply_to_plant(
         FaultId::S8 => of.tension = TensionFault::Short,
         FaultId::S11 => of.tension = TensionFault::Frozen,
         FaultId::S9 => of.tension_noise_factor = 10.0 * strength,
-        FaultId::S10 => of.tension_offset_n = 5.0 * strength,
+        FaultId::S10 => of.tension_offset_n = OFFSET_SHARE * strength * range_n,
         FaultId::D3 => of.drive.silent = true,
-        FaultId::D4 => of.brake.drag_n = 76.0 * strength,
+        FaultId::D4 => of.brake.drag_n = strength * motor_n,
         FaultId::D5 => of.drive.late_s = f64::INFINITY,
         FaultId::D7 => of.drive.ignores_commands = true,
         FaultId::B1 => of.brake.stays_closed = true,

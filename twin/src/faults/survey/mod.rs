@@ -12,7 +12,8 @@ mod names;
 pub use measure::{away, re_energises};
 
 pub use draw::{Drawn, Moment};
-pub use names::{RightName, silent};
+pub use names::RightName;
+use names::silent;
 
 use super::{FaultyLink, Injection, Phase, When};
 use crate::line::{SimulatedLink, plant_failed};
@@ -61,6 +62,8 @@ pub struct Outcome {
     pub most_share: f64,
     /// Longest time that an intact cable was slack under torque, ms.
     pub slack_ms: usize,
+    /// docs/faults.md says of each injected fault that it need not be noticed in this phase.
+    pub may_be_silent: bool,
     /// Simulated time, s.
     pub simulated_s: f64,
     /// Broken invariants.
@@ -98,6 +101,7 @@ fn run_drawn(model: &Model, drawn: Drawn) -> Outcome {
         at_next_arming: false,
         refused: None,
         injected: false,
+        may_be_silent: true,
         named: RightName::default(),
         diagnosed: None,
         told: RightName::default(),
@@ -194,6 +198,10 @@ fn day(
 
 fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
     let injections = &outcome.drawn.injections;
+    let moment = outcome.drawn.moment;
+    outcome.may_be_silent = injections
+        .iter()
+        .all(|injection| silent(model, injection, moment).is_some());
     let from = seen.injected_ms.first().copied().unwrap_or(0);
     outcome.simulated_s = seen.trace.len() as f64 * 1e-3;
     outcome.injected = seen.injected_ms.len() == injections.len();
@@ -244,10 +252,7 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
         ));
     }
     if outcome.injected && !outcome.is_noticed() && !injections.is_empty() {
-        let excused = injections
-            .iter()
-            .all(|injection| silent(injection, outcome.drawn.moment).is_some());
-        if !excused {
+        if !outcome.may_be_silent {
             wrong.push("not noticed".to_owned());
         }
     }

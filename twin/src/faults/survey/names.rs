@@ -106,8 +106,7 @@ fn accepted(model: &Model, injection: &Injection, moment: Moment) -> Vec<FaultId
 
 /// Why docs/faults.md ("What need not be reported") says that this fault is not noticed; `None` where it
 /// must be.
-#[must_use]
-pub fn silent(injection: &Injection, moment: Moment) -> Option<&'static str> {
+pub(super) fn silent(model: &Model, injection: &Injection, moment: Moment) -> Option<&'static str> {
     use FaultId as F;
     let strength = injection.strength;
     let in_motion = matches!(moment, Moment::Moving | Moment::Blending);
@@ -115,14 +114,31 @@ pub fn silent(injection: &Injection, moment: Moment) -> Option<&'static str> {
         F::L1 | F::L3 | F::L4 | F::L9 => Some("the link's protocol repairs it"),
         F::S1 => Some("single readings are replaced"),
         F::S9 => Some("advice"),
-        // 5 N at full strength: refused beyond 2 N or a fifth of the tension, at arming only.
+        // An eighth of the range at full strength: refused beyond 2 N or a fifth of the tension, at
+        // arming only.
         F::S10 if moment != Moment::Off || strength < 0.7 => Some("advice once it is armed"),
         F::D4 if !in_motion || strength < 1.0 => Some("a motor at rest is not saturated"),
         F::D5 if moment != Moment::Off => Some("its drives are up"),
         F::B3 => Some("a brake that is late while torque holds the drum turns nothing"),
+        F::C1 if SLIP_M * strength < CLOSURE_M && is_pulled_down(model) => {
+            Some("a short slip of a cable that others pull tight")
+        }
         F::C2 => Some("the cable need not come over its limit"),
         F::C4 => Some("there is no detector for it"),
         F::C5 if !in_motion || strength < 1.0 => Some("contact is looked for in motion"),
+        F::C5 if is_pulled_down(model) => Some("losses of cables that pull down may be as large"),
         _ => None,
     }
+}
+
+/// Cable that slips off the drum at full strength (C1), m.
+const SLIP_M: f64 = 0.005;
+/// A slip under this is not reported by the closure of lengths and tensions (docs/faults.md, S5), m.
+const CLOSURE_M: f64 = 0.004;
+
+/// Whether cables are tight against each other: one leaves the platform downwards where it is at home.
+fn is_pulled_down(model: &Model) -> bool {
+    let robot = model.robot();
+    let home_m = robot.tool.home_in_world_m.z;
+    robot.cables.iter().any(|cable| cable.anchor_in_world_m.z < home_m)
 }
