@@ -64,7 +64,7 @@ pub struct DriveBus<const N: usize> {
     /// Bit n: the slot of drive n has come and its frame is not sent yet.
     late: u8,
     sync_late: bool,
-    /// Ticks since the last SYNC, at which the drives read their encoders (CiA 301).
+    /// Whole ticks since the last SYNC, at which the drives read their encoders (CiA 301).
     since_sync_ms: u8,
     bus: BusState,
     /// The next drive number to be asked in a scan, from 1; beyond the last, the waiting time for
@@ -112,7 +112,6 @@ impl<const N: usize> DriveBus<N> {
         }
         // Only these drives have heartbeats; an RMDS does not pay for them.
         if self.kind == DriveKind::Cia402 {
-            self.since_sync_ms = self.since_sync_ms.saturating_add(1);
             for drive in &mut self.drives {
                 drive.quiet_ms = drive.quiet_ms.saturating_add(1);
                 drive.since_ms = drive.since_ms.saturating_add(1);
@@ -137,13 +136,13 @@ impl<const N: usize> DriveBus<N> {
                         if cia402::take(drive, &frame) {
                             // Not from its arrival on: at 200 mm/s the drum has turned by 0.4 mm since
                             // SYNC if the frame of an eighth drive comes two ticks later.
-                            let whole = self.since_sync_ms.saturating_sub(1);
-                            drive.input.age_ms = u16::from(whole);
+                            drive.input.age_ms = u16::from(self.since_sync_ms);
                         }
                     }
                 }
             }
         }
+        self.since_sync_ms = self.since_sync_ms.wrapping_add(1);
         self.bus = port.state();
     }
 
