@@ -132,7 +132,10 @@ impl TensionLoop {
         // some four times as fast, and with the waiting for the bus half of the lead is left.
         // us times um/s2, by 2^21 instead of 2 10^6: 5 % less, within what is known of a drive's bandwidth.
         let late = i64::from(demand.planned_acceleration_umps2) * i64::from(config.lead_us);
-        #[expect(clippy::cast_possible_truncation, reason = "2^31 times 100 ms are 2^27")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "2^31 times 100 ms are 2^27"
+        )]
         let ahead = (late >> 21) as i32;
         demand.planned_speed_umps + ahead - answer
     }

@@ -228,15 +228,6 @@ fn judged(
         Err(error) => Some(error.to_string()),
     };
     let ratios = ratios(plan, tube, &path);
-    if std::env::var("DUMP").is_ok() {
-        for (r, pt) in ratios.iter().zip(&path).step_by(20) {
-            let t = pt.path_s;
-            let q = |s: f64| plan.timed.tool_m((t + s).clamp(0.0, plan.timed.duration_s())).unwrap();
-            let a = (q(0.01) - q(0.0) * 2.0 + q(-0.01)) / 1e-4;
-            let e = Vector3::from(pt.tool_m) - q(0.0);
-            println!("{seed} {t:.3} e {:.3} {:.3} {:.3} |e| {:.3} R {:.3} a {:.2} {:.2} {:.2}", e.x*1e3, e.y*1e3, e.z*1e3, r.error_m*1e3, r.radius_m*1e3, a.x, a.y, a.z);
-        }
-    }
     let count = ratios.len().max(1) as f64;
     let mean = |of: &dyn Fn(&Ratio) -> f64| ratios.iter().map(of).sum::<f64>() / count;
     let (radius_mean_m, error_mean_m) = (mean(&|r| r.radius_m), mean(&|r| r.error_m));

@@ -1,7 +1,8 @@
 //! The error of a robot at rest, position and attitude.
 
 use super::belief::{Belief, Errors};
-use super::slopes::{Instant, Motion};
+use super::drives::Motion;
+use super::slopes::Instant;
 use crate::motion::{Model, PlanError, StaticState};
 use nalgebra::Matrix6;
 

@@ -44,7 +44,7 @@ pub struct Doubts {
     pub payload_kg: f64,
     /// Bandwidth of each drive, relative.
     pub bandwidth: f64,
-    /// Time by which all drives are late or early together, s.
+    /// Time by which the readings of all drives are late or early together, s.
     pub late_s: f64,
     /// Standard deviation of the swing over the amplitude that a plan excites by the platform's natural modes.
     pub swing: f64,
@@ -56,6 +56,8 @@ pub struct Doubts {
 const UNIFORM: f64 = 0.577_350_269_189_625_8;
 /// A sine of amplitude 1 stays within 0.997 for 95 % of the time: a normal distribution of this standard deviation within 1.
 const SINE: f64 = 0.51;
+/// Readings of drives are used as if they were half a tick old, beside whole ticks: any age within the tick, s.
+const LATE_S: f64 = 5e-4 * UNIFORM;
 /// Time in which a swing dies away, s. Nothing is known of a real platform's.
 const SWING_S: f64 = 30.0;
 
@@ -89,7 +91,7 @@ impl Doubts {
             moment_m: 0.0,
             payload_kg: 0.0,
             bandwidth: 0.2 * UNIFORM,
-            late_s: 5e-4,
+            late_s: LATE_S,
             swing: SINE,
             swing_s: SWING_S,
         }

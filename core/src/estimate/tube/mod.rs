@@ -12,6 +12,7 @@
 
 mod at_rest;
 mod belief;
+mod drives;
 mod slopes;
 mod swing;
 #[cfg(test)]
@@ -21,9 +22,10 @@ use super::region::radius_95_m;
 use crate::motion::{Plan, PlanError};
 use belief::PER_CABLE;
 pub use belief::{Belief, Doubts, Errors};
+use drives::Drives;
 use nalgebra::{DMatrix, Matrix3, Matrix6};
 use serde::Serialize;
-use slopes::{Instant, Motion};
+use slopes::Instant;
 use swing::Swing;
 
 /// Most points of a tube.
@@ -89,6 +91,7 @@ impl Tube {
         let end_s = plan.timed.duration_s();
         let step_s = (end_s / MOST_POINTS).max(LEAST_STEP_S);
         let mut rubbed = vec![0.0; errors.cables];
+        let mut drives = Drives::new(errors.cables);
         let mut last_m: Option<Vec<f64>> = None;
         let mut swing = Swing::new(belief.doubts, before);
         let mut points: Vec<TubePoint> = Vec::new();
@@ -103,7 +106,7 @@ impl Tube {
                 }
             }
             last_m = Some(rest.paid_out_m.clone());
-            let motion = Motion::at(plan, time_s)?;
+            let motion = drives.at(plan, time_s)?;
             let Some(slopes) = Instant {
                 model,
                 errors,

@@ -1,46 +1,17 @@
 //! How far the tool moves for each error of the machine, at one time of a plan.
 
 use super::belief::{AtHome, Errors, PER_CABLE};
+use super::drives::Motion;
 use crate::estimate::region::tool_per_pose;
-use crate::motion::{Model, Plan, PlanError, StaticState};
-use crate::robot::Robot;
+use crate::motion::{Model, StaticState};
+use crate::robot::{Robot, TensionOutput};
 use mcdpr_kinematics::{CablePath, GRAVITY_MPS2, Pose};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Half of the time over which speed is taken, s.
-const HALF_S: f64 = 0.02;
+/// A smaller gain of a law counts as this, mm/s per N.
+const LEAST_GAIN: f64 = 1e-3;
 /// Displacement for numerical derivatives of the cables' directions, m.
 const STEP_M: f64 = 1e-6;
-
-/// How a plan moves at a time.
-pub(super) struct Motion {
-    /// Of each cable, m/s.
-    length_mps: Vec<f64>,
-}
-
-impl Motion {
-    /// At rest.
-    pub(super) fn none(cables: usize) -> Self {
-        Self {
-            length_mps: vec![0.0; cables],
-        }
-    }
-
-    pub(super) fn at(plan: &Plan, time_s: f64) -> Result<Self, PlanError> {
-        let [before, after] = [time_s - HALF_S, time_s + HALF_S];
-        let end_s = plan.timed.duration_s();
-        let [before, after] = [before.max(0.0), after.min(end_s)];
-        let span_s = (after - before).max(1e-3);
-        let [from, to] = [plan.timed.lengths_m(before)?, plan.timed.lengths_m(after)?];
-        Ok(Self {
-            length_mps: to
-                .iter()
-                .zip(&from)
-                .map(|(b, a)| (b - a) / span_s)
-                .collect(),
-        })
-    }
-}
 
 /// The robot at one time of a plan.
 pub(super) struct Instant<'a> {
@@ -203,8 +174,12 @@ impl Instant<'_> {
             axis @ 6..=8 => put(forces, &unit(axis - 6), &center.cross(&unit(axis - 6))),
             axis @ 9..=11 => put(forces, &Vector3::zeros(), &unit(axis - 9)),
             _ => {
-                for &i in by_length {
-                    *cables.get_mut(i)? = *self.motion.length_mps.get(i)?;
+                for i in 0..errors.cables {
+                    *cables.get_mut(i)? = if by_length.contains(&i) {
+                        *self.motion.untrimmed_mps.get(i)?
+                    } else {
+                        self.late_pull_n(i)?
+                    };
                 }
             }
         }
@@ -226,6 +201,7 @@ impl Instant<'_> {
             *cables.get_mut(i)? = match kind {
                 9 => tension_n,
                 10 => 1.0,
+                11 => self.late_pull_n(i)?,
                 _ => 0.0,
             };
             return Some(());
@@ -257,12 +233,25 @@ impl Instant<'_> {
                 });
                 here - there
             }
-            11 => *self.motion.length_mps.get(i)?,
+            11 => *self.motion.unled_mps.get(i)?,
             12 => -(paid_out_m + cable.routing_length_m),
             _ => 0.0,
         };
         *cables.get_mut(i)? = value;
         Some(())
+    }
+
+    /// By how much a tension-held cable pulls less than it should for each second that its drum is late, N/s: a law that
+    /// commands a speed gives way to an error of tension in proportion.
+    fn late_pull_n(&self, cable: usize) -> Option<f64> {
+        let law = &self.model.robot().tension;
+        let acceleration_mps2 = *self.motion.length_mps2.get(cable)?;
+        Some(match law.output {
+            // Gains in mm/s per N.
+            TensionOutput::Velocity => -acceleration_mps2 * 1e3 / law.kp.max(LEAST_GAIN),
+            // The inertia of a drum whose current is commanded is fed forward.
+            TensionOutput::Current => 0.0,
+        })
     }
 
     /// Paid-out length where the encoder was zeroed, m.
