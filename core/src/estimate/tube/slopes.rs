@@ -12,6 +12,15 @@ const HALF_S: f64 = 0.02;
 /// Displacement for numerical derivatives of the cables' directions, m.
 const STEP_M: f64 = 1e-6;
 
+/// A pulley's radius among the errors of a cable.
+const RADIUS: usize = 13;
+
+/// Change of a cable's length per radius of its pulley: the arc grows by the wrap angle, the straight part gets shorter by
+/// its sine.
+fn longer_by_radius(path: &CablePath) -> f64 {
+    path.wrap_rad - libm::sin(path.wrap_rad)
+}
+
 /// How a plan moves at a time.
 pub(super) struct Motion {
     /// Of each cable, m/s.
@@ -175,6 +184,8 @@ impl Instant<'_> {
                 balance.reanchored(i, &geometric(balance.pose, kind), forces);
             } else if kind < 6 {
                 balance.reattached(i, &geometric(balance.pose, kind), forces);
+            } else if kind == RADIUS {
+                balance.turned(i, &self.turned_by_radius(i, balance.paths.get(i)?)?, forces);
             }
             return Some(out);
         }
@@ -259,10 +270,29 @@ impl Instant<'_> {
             }
             11 => *self.motion.length_mps.get(i)?,
             12 => -(paid_out_m + cable.routing_length_m),
+            RADIUS => {
+                let there = at_home.map_or(0.0, |(home, ..)| longer_by_radius(home));
+                longer_by_radius(path) - there
+            }
             _ => 0.0,
         };
         *cables.get_mut(i)? = value;
         Some(())
+    }
+
+    /// Change of a cable's direction per radius of its pulley, 1/m, its attachment in place.
+    ///
+    /// With the swivel axis a, the direction t and the wrap angle w, the normal of the straight part in the pulley's plane is
+    /// n = (t cos w - a) / sin w. The attachment stays, so that t turns by n (1 - cos w) / (free length).
+    fn turned_by_radius(&self, cable: usize, path: &CablePath) -> Option<Vector3<f64>> {
+        let axis = self.model.geometry().cables().get(cable)?.swivel_axis;
+        let (sin, cos) = libm::sincos(path.wrap_rad);
+        let free_m = (path.attachment_m - path.tangent_point_m).norm();
+        if sin.abs() < 1e-9 || free_m <= 0.0 {
+            // Along the axis: without a wrap the radius turns nothing.
+            return Some(Vector3::zeros());
+        }
+        Some((path.direction * cos - axis) * ((1.0 - cos) / sin / free_m))
     }
 
     /// Paid-out length where the encoder was zeroed, m.
@@ -330,6 +360,14 @@ impl Balance<'_> {
         let mut cables = self.paths.iter().zip(self.turning).zip(self.tensions_n);
         if let Some(((path, turning), tension_n)) = cables.nth(i) {
             let pull = turning * shift * *tension_n;
+            put(out, &pull, &self.arm(path).cross(&pull));
+        }
+    }
+
+    /// The direction of a cable changes by `by`, its attachment in place.
+    fn turned(&self, i: usize, by: &Vector3<f64>, out: &mut [f64]) {
+        if let (Some(path), Some(tension_n)) = (self.paths.get(i), self.tensions_n.get(i)) {
+            let pull = by * -*tension_n;
             put(out, &pull, &self.arm(path).cross(&pull));
         }
     }
