@@ -158,7 +158,7 @@ impl Model {
         let Some(tensions_n) = self.pulling_n(readings_n) else {
             return Ok(Some((normal, self.rest_at_pose(&asked)?)));
         };
-        let hung = self.hung(&asked, |_| Ok(tensions_n.clone()));
+        let hung = self.hung(&asked, |_| Ok(tensions_n));
         let rest = hung.and_then(|(pose, tensions_n)| self.posed(&pose, tensions_n));
         let rest = rest.map_err(|source| PlanError::NoEquilibrium {
             x_mm: tool_m.x * 1e3,
