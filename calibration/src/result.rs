@@ -276,6 +276,7 @@ fn open_errors(robot: &Robot, unexplained: Option<&Unexplained>) -> Option<DMatr
             map[(errors.attachment(i) + axis, layout.attachment(i) + axis)] = 1.0;
         }
         map[(errors.length(i), layout.initial_length(i))] = 1.0;
+        map[(errors.radius(i), layout.radius(i))] = 1.0;
         map[(errors.drum(i), layout.scales())] = 1.0;
         map[(errors.drum(i), layout.drum(i))] = 1.0;
         if layout.statics {

@@ -94,9 +94,18 @@ impl Widening<'_, '_> {
         weights: &Weights,
     ) -> bool {
         let shown = self.shown();
-        let mut changed = self.widen_priors(descent, covariance, shown);
+        let others = Part::ALL.iter().filter(|part| **part != Part::Radii);
+        let mut changed = false;
+        for part in others {
+            changed |= self.widen_prior(*part, descent, covariance, shown);
+        }
         if self.model.layout.statics {
             changed |= self.widen_balance(&descent.linear, rows, weights, shown);
+        }
+        // Only what all else does not explain shows a wrong radius. Data that tell little of radii, as of a robot in a plane,
+        // bend them to explain a sensor's zero, and once they are free nothing holds them.
+        if !changed || self.priors.radius_m > self.assumed.radius_m {
+            changed |= self.widen_prior(Part::Radii, descent, covariance, shown);
         }
         changed
     }
@@ -116,8 +125,9 @@ impl Widening<'_, '_> {
             || now.center_of_mass_m > before.center_of_mass_m
     }
 
-    fn widen_priors(
+    fn widen_prior(
         &mut self,
+        part: Part,
         descent: &Descent<State, Normal>,
         covariance: &DMatrix<f64>,
         shown: bool,
@@ -125,45 +135,42 @@ impl Widening<'_, '_> {
         let layout = &self.model.layout;
         let all = descent.at.priors(self.model.data, layout, self.priors);
         let least = descent.at.priors(self.model.data, layout, self.assumed);
-        let mut changed = false;
-        for part in Part::ALL {
-            let range = part.range(layout);
-            let (mut squares, mut redundancy, mut studentised, mut count) = (0.0, 0.0, 0.0, 0.0);
-            let mut over = 1.0_f64;
-            for (prior, assumed) in all.iter().zip(&least) {
-                if !range.contains(&prior.index) {
-                    continue;
-                }
-                let variance = prior.sigma * prior.sigma;
-                let free = 1.0 - covariance[(prior.index, prior.index)] / variance;
-                over = prior.sigma / assumed.sigma;
-                if free < NOTHING {
-                    continue;
-                }
-                let square = prior.deviation * prior.deviation / variance;
-                squares += square;
-                redundancy += free;
-                studentised += square / free;
-                count += 1.0;
-            }
-            // A wrong radius is a mistake, which one error more does not make likely.
-            let limit = if shown && part != Part::Radii {
-                1.0
-            } else {
-                chance(count)
-            };
-            if over < LITTLE && (count == 0.0 || studentised / count < limit) {
+        let range = part.range(layout);
+        let (mut squares, mut redundancy, mut studentised, mut count) = (0.0, 0.0, 0.0, 0.0);
+        let mut over = 1.0_f64;
+        for (prior, assumed) in all.iter().zip(&least) {
+            if !range.contains(&prior.index) {
                 continue;
             }
-            let ratio = squares / redundancy.max(NOTHING);
-            // Back to what was assumed at most.
-            let by = ratio.sqrt().clamp(1.0 / STEP, STEP).max(1.0 / over);
-            if !(1.0 / LITTLE..=LITTLE).contains(&by) {
-                part.widen(self.priors, by);
-                changed = true;
+            let variance = prior.sigma * prior.sigma;
+            let free = 1.0 - covariance[(prior.index, prior.index)] / variance;
+            over = prior.sigma / assumed.sigma;
+            if free < NOTHING {
+                continue;
             }
+            let square = prior.deviation * prior.deviation / variance;
+            squares += square;
+            redundancy += free;
+            studentised += square / free;
+            count += 1.0;
         }
-        changed
+        // A wrong radius is a mistake, which one error more does not make likely.
+        let limit = if shown && part != Part::Radii {
+            1.0
+        } else {
+            chance(count)
+        };
+        if over < LITTLE && (count == 0.0 || studentised / count < limit) {
+            return false;
+        }
+        let ratio = squares / redundancy.max(NOTHING);
+        // Back to what was assumed at most.
+        let by = ratio.sqrt().clamp(1.0 / STEP, STEP).max(1.0 / over);
+        if (1.0 / LITTLE..=LITTLE).contains(&by) {
+            return false;
+        }
+        part.widen(self.priors, by);
+        true
     }
 
     fn widen_balance(

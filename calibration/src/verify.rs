@@ -128,7 +128,7 @@ pub fn distances(robot: &Robot, rows: &[Row]) -> Result<Vec<f64>, VerifyError> {
     };
     let model = Model::new(robot).map_err(failed(0))?;
     model
-        .placed("the comparison with a tracker")
+        .comes_to_rest("the comparison with a tracker")
         .map_err(failed(0))?;
     let (home_m, scales) = match &robot.calibrated {
         Some(calibrated) => (

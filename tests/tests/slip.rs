@@ -243,6 +243,26 @@ fn a_running_robot_on_eight_cables_shows_a_slip_where_it_rests() {
 }
 
 #[test]
+fn a_running_robot_in_a_plane_shows_a_slip_where_it_rests() {
+    let sizes = [5e-4, 1e-3];
+    let (mut alarms, mut shown, mut all) = (0, [0; 2], 0);
+    for seed in [41, 42, 43] {
+        let model = Model::new(&calibrated("planar-vertical", seed)).unwrap();
+        alarms += u32::from(checked(&model, seed, (0, 0.0)) != Finding::Holds);
+        for cable in 0..4 {
+            all += 1;
+            for (size, count) in sizes.iter().zip(&mut shown) {
+                let found = checked(&model, seed, (cable, *size));
+                *count += u32::from(found != Finding::Holds);
+            }
+        }
+    }
+    println!("{alarms} false alarms of 3; of 0.5 and 1 mm {shown:?} of {all}");
+    assert_eq!(alarms, 0);
+    assert!(shown[1] * 10 >= all * 9, "{shown:?} of {all}");
+}
+
+#[test]
 fn a_bent_frame_is_no_slip() {
     let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();

@@ -95,7 +95,8 @@ pub struct Estimate {
     /// rad, world. `rest` keeps the attitude of statics.
     pub off_statics_rad: Vector3<f64>,
     /// Rows over their standard deviation, in the order: lengths, tensions, tag corners (u, v),
-    /// attitude. Where lengths hold the pose: lengths, tag corners.
+    /// attitude. Where lengths hold the pose: lengths, tag corners; of a platform in a plane then its place across the
+    /// plane and two leans, from those of statics.
     pub residuals: Vec<f64>,
     /// Sum of the squares of the residuals.
     pub chi2: f64,
@@ -123,7 +124,7 @@ pub fn estimate(
     start_m: &Vector3<f64>,
 ) -> Result<Estimate, EstimateError> {
     model
-        .placed("the estimate from lengths, tensions and tags")
+        .comes_to_rest("the estimate from lengths, tensions and tags")
         .map_err(no_fit)?;
     if !model.holding().hangs() {
         let start = Pose::level(start_m - model.robot().tool.tcp_in_platform_m);

@@ -1,17 +1,20 @@
-//! The pose of a platform that six lengths hold, from lengths and pictures. Statics say nothing of such a pose; measured
-//! tensions say how far each cable is stretched.
+//! The pose of a platform that lengths hold, from lengths and pictures. Measured tensions say how far each cable is
+//! stretched. Statics say nothing of a pose that six lengths hold; of a platform in a plane they say where it hangs across
+//! that plane, and how it leans, of which lengths say nothing.
 
 use super::fix::{DAMPING, Estimate, EstimateError, LAST_STEP_M, LONGEST_STEP_M, no_fit};
 use super::newton;
 use super::rows::{self, Measurements, Sigmas};
-use crate::motion::Model;
+use crate::motion::{Model, StaticState};
 use mcdpr_kinematics::{Attempt, Pose, descend};
-use nalgebra::{DMatrix, Vector3, Vector6};
+use nalgebra::{DMatrix, Rotation3, Vector3, Vector6};
 
 /// The tool's position (m) and the attitude (rad).
 const UNKNOWNS: usize = 6;
 /// Step of the numerical derivatives, m and rad: 10 um are a thirtieth of a length's assumed error.
 const CHANGE: f64 = 1e-5;
+/// Rows by statics of a platform in a plane: across it, and two leans.
+const BY_STATICS: usize = 3;
 
 struct Problem<'a> {
     model: &'a Model,
@@ -53,7 +56,21 @@ impl Problem<'_> {
         }
         rows::corners(self.model, self.measured, &pose, &mut residuals)
             .ok_or(EstimateError::Rank)?;
+        if let Some((normal, rest)) = self.hanging(&pose)? {
+            let tool = &self.model.robot().tool.tcp_in_platform_m;
+            let across_m = normal.dot(&(self.model.tool_m(&rest) - pose.transform(tool)));
+            let turned = off_statics(&pose, &rest);
+            residuals.push(across_m / self.sigmas.across_m);
+            let axes = [normal.cross(&Vector3::z()), Vector3::z()];
+            residuals.extend(axes.map(|axis| -axis.dot(&turned) / self.sigmas.attitude_rad));
+        }
         Ok(Fit { pose, residuals })
+    }
+
+    /// Where a platform in a plane hangs by statics, and the plane's normal; `None` for one that moves in space.
+    fn hanging(&self, pose: &Pose) -> Result<Option<(Vector3<f64>, StaticState)>, EstimateError> {
+        let found = self.model.hangs_near(pose, &self.measured.tensions_n);
+        found.map_err(no_fit)
     }
 
     /// Moved by the tool's shift and turned about the tool.
@@ -96,6 +113,13 @@ impl Problem<'_> {
     }
 }
 
+/// Turn of a pose from how statics have the platform hang: rotation vector, rad, world.
+fn off_statics(pose: &Pose, rest: &StaticState) -> Vector3<f64> {
+    let by_statics = &rest.equilibrium.pose.rotation;
+    let turned: Rotation3<f64> = pose.rotation * by_statics.inverse();
+    turned.scaled_axis()
+}
+
 /// The pose that fits best, from a start; `skip`: the length of this cable (from 0) is left out.
 pub(super) fn solve(
     model: &Model,
@@ -116,9 +140,15 @@ pub(super) fn solve(
     }
     let rows = first.residuals.len() - usize::from(skip.is_some());
     if rows < UNKNOWNS {
+        // Only the user's own values are reported.
+        let by_statics = if model.plane().is_some() {
+            BY_STATICS
+        } else {
+            0
+        };
         return Err(EstimateError::Few {
-            rows,
-            needed: UNKNOWNS,
+            rows: rows - by_statics,
+            needed: UNKNOWNS - by_statics,
         });
     }
     let linear = problem.linear(&first)?;
@@ -139,15 +169,20 @@ pub(super) fn solve(
         .try_inverse()
         .ok_or(EstimateError::Rank)?;
     let fit = found.at;
-    let rest = model
-        .rest_measured(&fit.pose, &measured.tensions_n)
-        .map_err(no_fit)?;
+    let hanging = problem.hanging(&fit.pose)?;
+    let (off_statics_rad, rest) = match hanging {
+        Some((_, rest)) => (off_statics(&fit.pose, &rest), rest),
+        None => {
+            let rest = model.rest_measured(&fit.pose, &measured.tensions_n);
+            (Vector3::zeros(), rest.map_err(no_fit)?)
+        }
+    };
     Ok(Estimate {
-        tool_m: model.tool_m(&rest),
+        tool_m: fit.pose.transform(&model.robot().tool.tcp_in_platform_m),
         rest,
         covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         rotation_covariance_rad2: covariance.fixed_view::<3, 3>(3, 3).into_owned(),
-        off_statics_rad: Vector3::zeros(),
+        off_statics_rad,
         chi2: fit.cost(),
         freedoms: rows - UNKNOWNS,
         residuals: fit.residuals,
@@ -159,7 +194,6 @@ mod tests {
     use super::super::{estimate, find_slip};
     use super::*;
     use crate::robot::Robot;
-    use nalgebra::Rotation3;
 
     fn resting(model: &Model, pose: &Pose) -> Measurements {
         let rest = model.rest_at_pose(pose).unwrap();
@@ -196,6 +230,51 @@ mod tests {
                 "{name}: {sigma_m}"
             );
         }
+    }
+
+    #[test]
+    fn lengths_place_a_platform_in_its_plane_and_statics_across_it() {
+        let robot = Robot::built_in("planar-vertical").unwrap();
+        let model = Model::new(&robot).unwrap();
+        let home_m = robot.tool.home_in_world_m;
+        let attitude = Rotation3::new(Vector3::y() * 0.05);
+        let pose = Pose::new(home_m + Vector3::new(0.12, 0.0, 0.1), attitude);
+        let all = resting(&model, &pose);
+        for tensions_n in [all.tensions_n.clone(), Vec::new()] {
+            let measured = Measurements {
+                tensions_n,
+                ..all.clone()
+            };
+            let sigmas = Sigmas::default();
+            let found = estimate(&model, &measured, &sigmas, &home_m).unwrap();
+            let off_m = found.tool_m - pose.transform(&robot.tool.tcp_in_platform_m);
+            assert!(off_m.norm() < 1e-6, "{off_m}");
+            assert!(found.off_statics_rad.norm() < 1e-6);
+            let rotation = found.rest.equilibrium.pose.rotation;
+            let turned = (rotation.matrix() - attitude.matrix()).norm();
+            assert!(turned < 1e-6, "{turned}");
+            // Four lengths and three rows of statics for six unknowns.
+            assert_eq!(found.freedoms, 1);
+            // Across the plane nothing but statics: their assumed error, and of lengths 0.3 mm.
+            let sigma_m = found.covariance_m2.diagonal().map(f64::sqrt);
+            assert!(
+                (sigma_m.y / sigmas.across_m - 1.0).abs() < 0.02,
+                "{sigma_m}"
+            );
+            assert!(sigma_m.x < 5e-4 && sigma_m.z < 5e-4, "{sigma_m}");
+        }
+        // The same lengths, one of them wrong: they contradict each other.
+        let mut slipped = all.clone();
+        slipped.lengths_m[0] += 3e-3;
+        let found = estimate(&model, &slipped, &Sigmas::default(), &home_m).unwrap();
+        assert!(found.redundancy().unwrap() > 3.0);
+        let few = Measurements {
+            lengths_m: all.lengths_m[..2].to_vec(),
+            ..Measurements::default()
+        };
+        let error = estimate(&model, &few, &Sigmas::default(), &home_m).unwrap_err();
+        assert!(error.to_string().contains("2 measured values"), "{error}");
+        assert!(error.to_string().contains("3 are needed"), "{error}");
     }
 
     #[test]

@@ -16,6 +16,8 @@ pub struct Sigmas {
     /// How far the attitude differs from that of statics, per axis, rad: the error of the centre of
     /// mass.
     pub attitude_rad: f64,
+    /// How far a robot in a plane hangs from where statics have it across that plane, m: the errors of its anchors there.
+    pub across_m: f64,
 }
 
 impl Default for Sigmas {
@@ -24,6 +26,7 @@ impl Default for Sigmas {
             length_m: 3e-4,
             tension_n: 0.3,
             attitude_rad: 3e-3,
+            across_m: 2e-3,
         }
     }
 }

@@ -4,7 +4,8 @@
 //! brings it back: where it hangs there, and how it leans, follows from statics, and no length changes it. So a place is
 //! asked for in the plane, and the tool is where the robot hangs, up to some millimetres beside it.
 
-use super::model::Model;
+use super::model::{Model, StaticState};
+use super::plan::PlanError;
 use crate::holding::Freedom;
 use mcdpr_kinematics::{CableVec, Error, GRAVITY_MPS2, Pose, Solver};
 use nalgebra::{DMatrix, DVector, Rotation3, UnitQuaternion, Vector3, Vector6};
@@ -24,7 +25,7 @@ const IN_PLANE_M: f64 = 1e-6;
 
 /// The vertical plane that a robot is asked to move in.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Plane {
+pub(crate) struct Plane {
     /// Unit normal, world.
     normal: Vector3<f64>,
     /// Distance of the world's origin from the plane of the anchors, along the normal, m.
@@ -135,6 +136,37 @@ impl Model {
             iterations: MOST_STEPS,
             residual: by.norm(),
         })
+    }
+
+    /// Where a robot in a plane hangs that its lengths place in it as `pose` (world_from_platform) has it, under measured
+    /// tensions (at the winches, N; those of a plan, where one is missing or says that its cable is slack), beside the unit
+    /// normal of its plane (world). `None` for a robot that moves in space.
+    ///
+    /// # Errors
+    /// [`PlanError::NoEquilibrium`] where it hangs nowhere near.
+    pub(crate) fn hangs_near(
+        &self,
+        pose: &Pose,
+        readings_n: &[f64],
+    ) -> Result<Option<(Vector3<f64>, StaticState)>, PlanError> {
+        let Some(normal) = self.plane().map(|plane| plane.normal) else {
+            return Ok(None);
+        };
+        let tool = &self.robot().tool.tcp_in_platform_m;
+        let tool_m = self.in_plane(&(pose.transform(tool) - tool)) + tool;
+        let asked = self.pose_of(&tool_m, &about(&pose.rotation, &normal));
+        let Some(tensions_n) = self.pulling_n(readings_n) else {
+            return Ok(Some((normal, self.rest_at_pose(&asked)?)));
+        };
+        let hung = self.hung(&asked, |_| Ok(tensions_n));
+        let rest = hung.and_then(|(pose, tensions_n)| self.posed(&pose, tensions_n));
+        let rest = rest.map_err(|source| PlanError::NoEquilibrium {
+            x_mm: tool_m.x * 1e3,
+            y_mm: tool_m.y * 1e3,
+            z_mm: tool_m.z * 1e3,
+            source,
+        })?;
+        Ok(Some((normal, rest)))
     }
 
     /// The twists that no length holds: across the plane, then the leanings. A load on one point hangs level.

@@ -104,7 +104,7 @@ impl Model {
         &self.holding
     }
 
-    pub(super) const fn plane(&self) -> Option<&Plane> {
+    pub(crate) const fn plane(&self) -> Option<&Plane> {
         self.plane.as_ref()
     }
 
@@ -150,6 +150,20 @@ impl Model {
                 robot: self.robot.name.clone(),
             }),
             Freedom::Hanging | Freedom::Pose => self.placed(what),
+        }
+    }
+
+    /// Refuses a robot that cannot go to places on either side of a vertical plane; `what` needs that.
+    ///
+    /// # Errors
+    /// [`PlanError::InPlane`] for a platform in a plane, else as [`Model::placed`].
+    pub fn moves_in_space(&self, what: &'static str) -> Result<(), PlanError> {
+        match self.holding.freedom() {
+            Freedom::Plane { .. } => Err(PlanError::InPlane {
+                what,
+                robot: self.robot.name.clone(),
+            }),
+            _ => self.placed(what),
         }
     }
 

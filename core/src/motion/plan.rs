@@ -83,10 +83,28 @@ pub enum PlanError {
     #[diagnostic(
         code(mcdpr::plan::turning),
         help(
-            "measure its anchors from outside, with a tape or a tracker, and write them into the robot file (docs/calibration.md)"
+            "measure its anchors from outside, with a tape or a tracker, and write them into the robot file \
+             (docs/calibration.md); home it at a known place, with `mcdpr home --at X Y Z`"
         )
     )]
     Turning {
+        /// What was asked for.
+        what: &'static str,
+        /// The robot's name.
+        robot: String,
+    },
+    /// What goes to places beside the plane in which a robot moves.
+    #[error(
+        "{what} asks for places on either side of the plane of {robot}, and it moves in that plane only"
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::in_plane),
+        help(
+            "choose a robot that moves in space; in its plane this one goes to a known place with `mcdpr move X Y Z`, or \
+             along a task with `mcdpr run` (docs/robot-file.md)"
+        )
+    )]
+    InPlane {
         /// What was asked for.
         what: &'static str,
         /// The robot's name.

@@ -94,15 +94,14 @@ impl Model {
         pose: &Pose,
         readings_n: &[f64],
     ) -> Result<StaticState, PlanError> {
-        let count = self.robot().cables.len();
-        let taut = readings_n.iter().all(|reading| *reading > TAUT_N);
-        if readings_n.len() != count || !taut {
-            return self.rest_at_pose(pose);
-        }
-        let tensions_n = CableVec::from_fn(count, |index| {
-            let reading = readings_n.get(index).copied().unwrap_or(0.0);
-            self.tension_n(index, reading)
-        });
+        let tensions_n = match self.pulling_n(readings_n) {
+            Some(tensions_n) => tensions_n,
+            // A pose beside a robot's plane cannot be asked for: those of where it hangs near it.
+            None => match self.hangs_near(pose, &[])? {
+                Some((_, rest)) => rest.equilibrium.tensions_n,
+                None => return self.rest_at_pose(pose),
+            },
+        };
         let tool_m = pose.transform(&self.robot().tool.tcp_in_platform_m);
         self.posed(pose, tensions_n)
             .map_err(|source| PlanError::NoEquilibrium {
@@ -111,6 +110,18 @@ impl Model {
                 z_mm: tool_m.z * 1e3,
                 source,
             })
+    }
+
+    /// Tensions at the platform by readings at the winches, N; `None` where one is missing or says that its cable is slack.
+    pub(super) fn pulling_n(&self, readings_n: &[f64]) -> Option<CableVec<f64>> {
+        let count = self.robot().cables.len();
+        let taut = readings_n.iter().all(|reading| *reading > TAUT_N);
+        (readings_n.len() == count && taut).then(|| {
+            CableVec::from_fn(count, |index| {
+                let reading = readings_n.get(index).copied().unwrap_or(0.0);
+                self.tension_n(index, reading)
+            })
+        })
     }
 
     /// Tensions that hold a pose.
@@ -144,7 +155,11 @@ impl Model {
     }
 
     /// The state of a pose under tensions.
-    fn posed(&self, pose: &Pose, tensions_n: CableVec<f64>) -> Result<StaticState, Error> {
+    pub(super) fn posed(
+        &self,
+        pose: &Pose,
+        tensions_n: CableVec<f64>,
+    ) -> Result<StaticState, Error> {
         let (robot, holding) = (self.robot(), self.holding());
         let lengths_m = self.geometry().lengths_m(pose)?;
         let mut tension_held = CableSet::default();

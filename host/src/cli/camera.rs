@@ -118,7 +118,7 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
     let mut robot = picking_robot(&crate::robot::find(&common.robot)?);
     robot.tool.home_in_world_m = workcell::options(&robot)?.look_m;
     let model = Model::new(&robot)?;
-    model.placed("the camera's view of a tray")?;
+    model.moves_in_space("the camera's view of a tray")?;
     let link = SimulatedRobot::new(Mismatch::realistic(), common.seed)
         .controller(&common.controller)
         .at_home(&model)?;

@@ -13,7 +13,7 @@ pub(crate) struct Cmd {}
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let model = Model::new(&common.robot()?)?;
-        model.placed("the estimate from lengths, tensions and tags")?;
+        model.comes_to_rest("the estimate from lengths, tensions and tags")?;
         let (measured, start_m) = with_session(common, &model, None, None, |mut session| {
             let status = run::status(session.client())?;
             let start_m = session.tool_m();

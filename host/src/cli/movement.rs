@@ -257,7 +257,7 @@ impl Home {
         if common.on == "sim" {
             self.eye.refused_on_simulator("--camera")?;
             if self.tag {
-                model.placed("homing by tags")?;
+                model.comes_to_rest("homing by tags")?;
                 return home_by_tag(common, &model);
             }
         }
@@ -270,7 +270,7 @@ impl Home {
             let session = with_session(common, &model, None, Some(Homing::Place(place)), ended)?;
             return homed(common, session, "homed");
         };
-        model.placed("homing with tags in view")?;
+        model.comes_to_rest("homing with tags in view")?;
         let calibrated = robot.calibrated.as_ref();
         let places = calibrated.map_or(Vec::new(), |calibrated| calibrated.places.clone());
         if places.is_empty() {

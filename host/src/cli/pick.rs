@@ -132,6 +132,8 @@ impl Cmd {
         } else {
             common.robot()?
         };
+        // Before its workcell is looked for: objects lie on either side of a plane.
+        Model::new(&robot)?.moves_in_space("picking")?;
         let mut robot = picking_robot(&robot);
         let places = &mut robot.surroundings;
         places.tray_m = point("--tray-mm", self.tray_mm.as_ref())?.or(places.tray_m);
@@ -202,7 +204,6 @@ impl Cmd {
         // Before anything is connected: an invalid network file moves nothing.
         let mut detector = self.detector()?;
         let model = Model::new(robot)?;
-        model.placed("picking")?;
         let task = TaskSource {
             name: "pick".to_owned(),
             text: None,

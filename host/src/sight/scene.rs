@@ -93,17 +93,23 @@ impl Scene {
     /// simulator.
     #[must_use]
     pub(crate) fn known_from_true(robot: &Robot) -> Option<Pose> {
-        let calibrated = robot.calibrated.as_ref()?;
-        let agreed = Self::of(robot, calibrated.simulated_seed?).known_from_this(robot)?;
-        Some(anchors_agree_across(robot, agreed))
+        let (machine, mismatch, seed) = machine::of_calibration(robot, 0)?;
+        let built = machine::plant_params(machine, &mismatch, seed);
+        let anchors_m: Vec<_> = built.cables.iter().map(|c| c.anchor_m.into()).collect();
+        Self::of(robot, seed).known_from_this(robot, &anchors_m)
     }
 
-    /// The same, of a robot that was calibrated over these tags.
+    /// The same, of a robot that was calibrated over these tags, of a machine whose true anchors are `true_anchors_m`.
     #[must_use]
-    pub(crate) fn known_from_this(&self, robot: &Robot) -> Option<Pose> {
+    pub(crate) fn known_from_this(
+        &self,
+        robot: &Robot,
+        true_anchors_m: &[Vector3<f64>],
+    ) -> Option<Pose> {
         let place = robot.calibrated.as_ref()?.places.first()?;
         let true_place = self.body(place.body)?;
-        Some(place.world_from_body.compose(&true_place.inverse()))
+        let agreed = place.world_from_body.compose(&true_place.inverse());
+        Some(anchors_agree_across(robot, agreed, true_anchors_m))
     }
 
     /// The true pose of a body of tags.
@@ -115,18 +121,19 @@ impl Scene {
 }
 
 /// A pose of the true world frame in the one that a robot knows, shifted across the robot's plane, if it has one, so
-/// that the anchors are on average where it knows them.
-fn anchors_agree_across(robot: &Robot, known_from_true: Pose) -> Pose {
+/// that the anchors (`true_anchors_m`, true world frame, m) are on average where it knows them.
+fn anchors_agree_across(
+    robot: &Robot,
+    known_from_true: Pose,
+    true_anchors_m: &[Vector3<f64>],
+) -> Pose {
     let model = Model::new(robot).ok();
-    let normal = model.and_then(|model| model.holding().freedom().normal());
-    let Some((normal, (machine, mismatch, seed))) = normal.zip(machine::of_calibration(robot, 0))
-    else {
+    let Some(normal) = model.and_then(|model| model.holding().freedom().normal()) else {
         return known_from_true;
     };
-    let built = machine::plant_params(machine, &mismatch, seed);
-    let pairs = robot.cables.iter().zip(&built.cables);
-    let off_m = pairs.map(|(known, true_one)| {
-        let seen_m = known_from_true.transform(&true_one.anchor_m.into());
+    let pairs = robot.cables.iter().zip(true_anchors_m);
+    let off_m = pairs.map(|(known, true_m)| {
+        let seen_m = known_from_true.transform(true_m);
         normal.dot(&(known.anchor_in_world_m - seen_m))
     });
     let shift_m = normal * (off_m.sum::<f64>() / robot.cables.len().max(1) as f64);

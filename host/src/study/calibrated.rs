@@ -2,7 +2,8 @@
 //!
 //! A machine collects poses over the board of tags, the joint estimate describes it, and it drives to random
 //! places, from where it stands: with the cable lengths that the calibration found. It is judged in the frame of its
-//! tags, since a calibration cannot determine another, against the region in which the platform should be with 95 %
+//! tags, since a calibration cannot determine another (of a robot in a plane across that plane in the frame of its anchors,
+//! on average), against the region in which the platform should be with 95 %
 //! probability: what the calibration leaves open, and the statics of how it hangs.
 
 use super::motion::{rest, true_lengths_m};
@@ -90,13 +91,15 @@ pub(crate) fn known(
     let model = Model::new(&over_board).map_err(|error| words(&error))?;
     let link = machine.at_home(&model).map_err(|error| words(&error))?;
     let true_m = true_lengths_m(&link, robot.cables.len()).map_err(|error| words(&error))?;
+    let built = link.with(|simulation| simulation.plant().params().cables.clone());
+    let anchors_m: Vec<_> = built.iter().map(|cable| cable.anchor_m.into()).collect();
     let (robot, answer) = experiment::calibrated(robot, data)?;
     let found_m = answer.initial_length_m.iter();
     let lengths_off_m = found_m.zip(&true_m).map(|(found, truth)| found - truth);
     let lengths_off_m = lengths_off_m.collect();
     Ok(Known {
         lengths_off_m,
-        known_from_true: Scene::of(&over_board, seed).known_from_this(&robot),
+        known_from_true: Scene::of(&over_board, seed).known_from_this(&robot, &anchors_m),
         robot,
     })
 }

@@ -3,9 +3,7 @@
 
 use super::{Injection, Snag, Supply};
 use mcdpr_protocol::FaultId;
-use mcdpr_simulator::plant::{
-    CableFaults, EncoderFault, PlantError, PlantParams, TensionFault,
-};
+use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, PlantParams, TensionFault};
 use mcdpr_simulator::{BoardFailure, FaultLineTap, Simulation, WireFaults};
 
 /// A contact at full strength carries this share of the platform's weight (C5): the board's limit is a
@@ -223,7 +221,9 @@ fn apply_to_plant(
     }
     let plant = simulation.plant_mut();
     let winch = plant.params().winches.get(cable);
-    let (motor_n, range_n) = winch.map_or((0.0, 0.0), |winch| (winch.greatest_pull_n(), winch.sensor.range_n()));
+    let (motor_n, range_n) = winch.map_or((0.0, 0.0), |winch| {
+        (winch.greatest_pull_n(), winch.sensor.range_n())
+    });
     #[expect(clippy::cast_possible_truncation, reason = "saturates")]
     let jump = (500.0 * strength) as i16;
     match fault {

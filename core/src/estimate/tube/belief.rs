@@ -6,7 +6,7 @@ use mcdpr_kinematics::{CablePath, CableVec, GRAVITY_MPS2};
 use nalgebra::{DMatrix, DVector};
 
 /// Unknown errors of one cable.
-pub(super) const PER_CABLE: usize = 13;
+pub(super) const PER_CABLE: usize = 14;
 /// Unknown errors of the whole machine.
 const SHARED: usize = 13;
 
@@ -18,6 +18,8 @@ pub struct Doubts {
     pub anchor_m: f64,
     /// Attachments, per axis, m.
     pub attachment_m: f64,
+    /// Radius of each pulley, m.
+    pub radius_m: f64,
     /// Paid-out lengths beyond what the home place says, each, m.
     pub length_m: f64,
     /// The place at home where the lengths were taken, per axis, m.
@@ -71,13 +73,14 @@ impl Doubts {
     /// A machine that is known by its robot file, its anchors within this half width, m: 5 mm by a tape
     /// measure, 0.3 mm surveyed.
     ///
-    /// Half widths of 0.1 mm for attachments, 1 mm for the centre of mass, 2 % of mass and of tension at
+    /// Half widths of 0.1 mm for attachments, 0.05 mm for the radii of pulleys, 1 mm for the centre of mass, 2 % of mass and of tension at
     /// the pulleys, 20 % of stiffness and bandwidth, 1 % of a sensor's gain.
     #[must_use]
     pub const fn within(anchors_m: f64) -> Self {
         Self {
             anchor_m: anchors_m * UNIFORM,
             attachment_m: 1e-4 * UNIFORM,
+            radius_m: 5e-5 * UNIFORM,
             length_m: 3e-5,
             home_m: 0.0,
             drum: 0.0,
@@ -153,6 +156,11 @@ impl Errors {
     #[must_use]
     pub const fn strain(self, cable: usize) -> usize {
         cable * PER_CABLE + 12
+    }
+    /// A pulley's radius, m.
+    #[must_use]
+    pub const fn radius(self, cable: usize) -> usize {
+        cable * PER_CABLE + 13
     }
     pub(super) const fn shared(self) -> usize {
         self.cables * PER_CABLE
@@ -248,6 +256,15 @@ impl Belief {
             cables: (self.covariance.nrows() - SHARED) / PER_CABLE,
         };
         let known = |error: usize| errors.is_tracked(error);
+        // A calibration ties a pulley's radius to its cable's length: only what the length does not explain is left of it.
+        for i in 0..errors.cables {
+            let (radius, length) = (errors.radius(i), errors.length(i));
+            let tie = self.covariance[(radius, length)];
+            if self.covariance[(length, length)] > 0.0 {
+                let explained = tie * tie / self.covariance[(length, length)];
+                self.covariance[(radius, radius)] -= explained;
+            }
+        }
         for (i, j) in (0..errors.count()).flat_map(|i| (0..errors.count()).map(move |j| (i, j))) {
             if known(i) || known(j) {
                 self.covariance[(i, j)] = tracked[(i, j)];
@@ -283,6 +300,7 @@ fn spread(robot: &Robot, doubts: &Doubts) -> DMatrix<f64> {
             sigmas[errors.attachment(i) + axis] = doubts.attachment_m;
         }
         sigmas[errors.length(i)] = doubts.length_m;
+        sigmas[errors.radius(i)] = doubts.radius_m;
         sigmas[errors.drum(i)] = doubts.drum;
         sigmas[errors.compliance(i)] = doubts.compliance;
         sigmas[errors.gain(i)] = doubts.gain;

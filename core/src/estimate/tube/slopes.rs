@@ -1,10 +1,11 @@
 //! How far the tool moves for each error of the machine, at one time of a plan.
 
+use super::balance::{Balance, put};
 use super::belief::{AtHome, Errors, PER_CABLE};
 use super::drives::Motion;
 use crate::estimate::region::tool_per_pose;
 use crate::motion::{Model, StaticState};
-use crate::robot::{Robot, TensionOutput};
+use crate::robot::TensionOutput;
 use mcdpr_kinematics::{CablePath, GRAVITY_MPS2, Pose};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
@@ -12,6 +13,15 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 const LEAST_GAIN: f64 = 1e-3;
 /// Displacement for numerical derivatives of the cables' directions, m.
 const STEP_M: f64 = 1e-6;
+
+/// A pulley's radius among the errors of a cable.
+const RADIUS: usize = 13;
+
+/// Change of a cable's length per radius of its pulley: the arc grows by the wrap angle, the straight part gets shorter by
+/// its sine.
+fn longer_by_radius(path: &CablePath) -> f64 {
+    path.wrap_rad - libm::sin(path.wrap_rad)
+}
 
 /// The robot at one time of a plan.
 pub(super) struct Instant<'a> {
@@ -146,6 +156,8 @@ impl Instant<'_> {
                 balance.reanchored(i, &geometric(balance.pose, kind), forces);
             } else if kind < 6 {
                 balance.reattached(i, &geometric(balance.pose, kind), forces);
+            } else if kind == RADIUS {
+                balance.turned(i, &self.turned_by_radius(i, balance.paths.get(i)?)?, forces);
             }
             return Some(out);
         }
@@ -235,6 +247,10 @@ impl Instant<'_> {
             }
             11 => *self.motion.unled_mps.get(i)?,
             12 => -(paid_out_m + cable.routing_length_m),
+            RADIUS => {
+                let there = at_home.map_or(0.0, |(home, ..)| longer_by_radius(home));
+                longer_by_radius(path) - there
+            }
             _ => 0.0,
         };
         *cables.get_mut(i)? = value;
@@ -254,6 +270,21 @@ impl Instant<'_> {
         })
     }
 
+    /// Change of a cable's direction per radius of its pulley, 1/m, its attachment in place.
+    ///
+    /// With the swivel axis a, the direction t and the wrap angle w, the normal of the straight part in the pulley's plane is
+    /// n = (t cos w - a) / sin w. The attachment stays, so that t turns by n (1 - cos w) / (free length).
+    fn turned_by_radius(&self, cable: usize, path: &CablePath) -> Option<Vector3<f64>> {
+        let axis = self.model.geometry().cables().get(cable)?.swivel_axis;
+        let (sin, cos) = libm::sincos(path.wrap_rad);
+        let free_m = (path.attachment_m - path.tangent_point_m).norm();
+        if sin.abs() < 1e-9 || free_m <= 0.0 {
+            // Along the axis: without a wrap the radius turns nothing.
+            return Some(Vector3::zeros());
+        }
+        Some((path.direction * cos - axis) * ((1.0 - cos) / sin / free_m))
+    }
+
     /// Paid-out length where the encoder was zeroed, m.
     fn zeroed_m(&self, cable: usize) -> f64 {
         let calibrated = self.model.robot().calibrated.as_deref();
@@ -267,68 +298,4 @@ fn geometric(pose: &Pose, kind: usize) -> Vector3<f64> {
     let mut unit = Vector3::zeros();
     unit[kind % 3] = 1.0;
     if kind < 3 { unit } else { pose.rotation * unit }
-}
-
-fn put(out: &mut [f64], force: &Vector3<f64>, moment: &Vector3<f64>) {
-    for (slot, value) in out.iter_mut().zip(force.iter().chain(moment.iter())) {
-        *slot += value;
-    }
-}
-
-/// Forces and moments about the platform's origin, and how they change.
-struct Balance<'a> {
-    robot: &'a Robot,
-    pose: &'a Pose,
-    tensions_n: &'a [f64],
-    paths: &'a [CablePath],
-    /// Direction of each cable per displacement of its attachment, 1/m.
-    turning: &'a [Matrix3<f64>],
-}
-
-impl Balance<'_> {
-    fn arm(&self, path: &CablePath) -> Vector3<f64> {
-        path.attachment_m - self.pose.position_m
-    }
-
-    /// The platform moves and turns.
-    fn moved(&self, shift: &Vector3<f64>, turn: &Vector3<f64>, out: &mut [f64]) {
-        let cables = self.paths.iter().zip(self.turning).zip(self.tensions_n);
-        for ((path, turning), tension_n) in cables {
-            let arm = self.arm(path);
-            let swept = turn.cross(&arm);
-            let pull = turning * (shift + swept) * -*tension_n;
-            let moment = swept.cross(&(path.direction * -*tension_n)) + arm.cross(&pull);
-            put(out, &pull, &moment);
-        }
-        let platform = &self.robot.platform;
-        let weight = Vector3::new(0.0, 0.0, -GRAVITY_MPS2 * platform.mass_kg);
-        let center = self.pose.rotation * platform.center_of_mass_m;
-        put(out, &Vector3::zeros(), &turn.cross(&center).cross(&weight));
-    }
-
-    /// A cable's tension changes.
-    fn pulled(&self, i: usize, by_n: f64, out: &mut [f64]) {
-        if let Some(path) = self.paths.get(i) {
-            let pull = path.direction * -by_n;
-            put(out, &pull, &self.arm(path).cross(&pull));
-        }
-    }
-
-    /// The anchor of a cable moves by `shift`: the cable turns.
-    fn reanchored(&self, i: usize, shift: &Vector3<f64>, out: &mut [f64]) {
-        let mut cables = self.paths.iter().zip(self.turning).zip(self.tensions_n);
-        if let Some(((path, turning), tension_n)) = cables.nth(i) {
-            let pull = turning * shift * *tension_n;
-            put(out, &pull, &self.arm(path).cross(&pull));
-        }
-    }
-
-    /// The attachment of a cable moves by `shift`: the cable turns the other way, and pulls at another place.
-    fn reattached(&self, i: usize, shift: &Vector3<f64>, out: &mut [f64]) {
-        self.reanchored(i, &-shift, out);
-        if let (Some(path), Some(tension_n)) = (self.paths.get(i), self.tensions_n.get(i)) {
-            let moment = shift.cross(&(path.direction * -*tension_n));
-            put(out, &Vector3::zeros(), &moment);
-        }
-    }
 }

@@ -86,6 +86,9 @@ fn a_slope_is_what_statics_solved_again_say() {
                 robot.cables[cable].attachment_in_platform_m[axis] += small;
             });
         }
+        check(errors.radius(cable), small, &|robot| {
+            robot.cables[cable].pulley_radius_m += small;
+        });
     }
     for cable in 0..3 {
         check(errors.compliance(cable), 0.01, &|robot| {

@@ -42,7 +42,10 @@ pub fn recheck<L: Link>(
     let mut check = SelfCheck::new(model, sigmas);
     let mut source = source;
     let home = session.tool_m();
-    let mut ways = PLACES.iter().map(|by| home + Vector3::from(*by));
+    // A robot in a plane goes to places in it.
+    let normal = model.holding().freedom().normal();
+    let in_plane = |by: Vector3<f64>| normal.map_or(by, |normal| by - normal * normal.dot(&by));
+    let mut ways = (PLACES.iter()).map(|by| home + in_plane(Vector3::from(*by)));
     loop {
         let still = match &mut source {
             Some(source) => measure(model, session, *source)?,

@@ -51,7 +51,7 @@ impl Cmd {
             .into());
         }
         let model = Model::new(&robot)?;
-        model.placed("the check of a running robot")?;
+        model.comes_to_rest("the check of a running robot")?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         // The pictures only decide how far the check goes.
         let built = Mismatch::as_built();

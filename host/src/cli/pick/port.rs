@@ -50,7 +50,6 @@ impl Cmd {
             return Err(no_camera().into());
         }
         let model = Model::new(robot)?.with_options(planning());
-        model.placed("picking")?;
         let options = self.options(&model)?;
         let mut detector = self.detector()?;
         let eye = self.eye.open(&workcell::color_camera(robot))?;

@@ -51,7 +51,7 @@ impl Cmd {
         }
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
-        model.placed("the study of ISO 9283")?;
+        model.comes_to_rest("the study of ISO 9283")?;
         let cube = Cube::largest(&model).map_err(Failed::from_error("the test cube"))?;
         let test = Test {
             cube,
@@ -64,9 +64,10 @@ impl Cmd {
             files::write_atomically(path, text.as_bytes())
                 .map_err(Failed::from_error("writing the task"))?;
             say!(
-                "{}: {} cycles in a cube of {:.0} mm; next: mcdpr run {}",
+                "{}: {} cycles in a {} of {:.0} mm; next: mcdpr run {}",
                 path.display(),
                 test.cycles,
+                cube.shape(),
                 cube.side_m * 1e3,
                 path.display()
             );
@@ -180,6 +181,7 @@ impl Cmd {
                 "cycles": cycles,
                 "speed_mps": test.speed_mps,
                 "cube_side_mm": test.cube.side_m * 1e3,
+                "square_in_plane": test.cube.normal.is_some(),
                 "poses_mm": poses_mm,
                 "figures": figures,
             }));
@@ -198,7 +200,8 @@ impl Cmd {
         }
         write_out(&lay_out(&table));
         say!(
-            "cube of {:.0} mm around ({:.0}, {:.0}, {:.0}) mm, {:.0} mm/s; {of}",
+            "{} of {:.0} mm around ({:.0}, {:.0}, {:.0}) mm, {:.0} mm/s; {of}",
+            test.cube.shape(),
             test.cube.side_m * 1e3,
             poses_mm[0][0],
             poses_mm[0][1],

@@ -163,6 +163,7 @@ mod tests {
     const CUBE: Cube = Cube {
         middle_m: Vector3::new(0.3, 0.0, -0.3),
         side_m: 0.2,
+        normal: None,
     };
 
     #[test]

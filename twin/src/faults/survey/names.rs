@@ -140,5 +140,8 @@ const CLOSURE_M: f64 = 0.004;
 fn is_pulled_down(model: &Model) -> bool {
     let robot = model.robot();
     let home_m = robot.tool.home_in_world_m.z;
-    robot.cables.iter().any(|cable| cable.anchor_in_world_m.z < home_m)
+    robot
+        .cables
+        .iter()
+        .any(|cable| cable.anchor_in_world_m.z < home_m)
 }
