@@ -199,11 +199,12 @@ mod tests {
     #[test]
     fn places_that_are_far_off_lead_to_an_honest_answer() {
         let (mut accepted, mut inside, mut found) = (0, 0.0, 0);
-        for seed in 821..=832 {
+        let (near, far) = ([0.1, 45f64.to_radians()], [0.2, 90f64.to_radians()]);
+        for (seed, start) in (821..=832).flat_map(|seed| [(seed, near), (seed, far)]) {
             let target = [Target::Board, Target::Tag][seed as usize % 2];
             let setup = Setup {
                 target,
-                start: [0.1, 45f64.to_radians()],
+                start,
                 seed,
                 ..Setup::default()
             };
@@ -218,9 +219,9 @@ mod tests {
             let said = |warning: &String| warning.contains("found from lengths and tensions");
             found += usize::from(answer.warnings.iter().any(said));
         }
-        // From the stated places half of them do not.
-        assert!(found >= 4, "{found} started from statics");
-        assert!(accepted >= 11, "{accepted} of 12");
+        // 200 mm and 90 degrees off, only one of twelve is found from the stated places.
+        assert!(found >= 11, "{found} started from statics");
+        assert!(accepted >= 22, "{accepted} of 24");
         let share = inside / f64::from(accepted);
         assert!(share > 0.9, "{share} within the 95 % region");
     }
