@@ -36,6 +36,9 @@ const LEAST_STEP_S: f64 = 0.01;
 /// Travel over which a pulley's friction turns, m: Dahl's model, as in docs/day.md.
 const PRESLIDING_M: f64 = 2e-4;
 
+/// Quantile of a normal distribution that leaves 5 % on one side, over the one that leaves them on both.
+const ONE_SIDE: f64 = 1.645 / 1.96;
+
 /// One point of a tube.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TubePoint {
@@ -123,17 +126,23 @@ impl Tube {
             let (fixed, at_home) = slopes;
             let swing = swing.at(model, &rest, time_s)?.unwrap_or_default();
             let covariance = &fixed * &belief.covariance * fixed.transpose();
-            let covariance = Matrix3::from_fn(|i, j| covariance[(i, j)]) + at_home + swing;
+            let covariance =
+                Matrix3::from_fn(|i, j| covariance[(i, j)]) + at_home + swing.covariance;
+            let radius_m = beside(
+                swing.off_m.norm(),
+                radius_95_m(&covariance, &Matrix3::zeros()),
+            );
             let tool_m = plan.timed.tool_m(time_s)?;
             let point = TubePoint {
                 time_s,
                 tool_m: tool_m.into(),
-                radius_m: radius_95_m(&covariance, &Matrix3::zeros()),
+                radius_m,
             };
             points.push(point);
             if widest.is_none_or(|(known, _)| known.radius_m < point.radius_m) {
-                let whole = covariance.trace();
-                widest = Some((point, mostly(errors, &fixed, belief, swing.trace(), whole)));
+                let swings = swing.covariance.trace() + swing.off_m.norm_squared();
+                let whole = covariance.trace() + swing.off_m.norm_squared();
+                widest = Some((point, mostly(errors, &fixed, belief, swings, whole)));
             }
         }
         Ok(widest.map(|(widest, mostly)| Self {
@@ -171,6 +180,13 @@ impl Tube {
             self.source
         )
     }
+}
+
+/// Radius that holds 95 % of an error with a known part, m: `radius_m` is that of the unknown part alone.
+///
+/// Where the known part is large, only one side counts: 1.645 standard deviations instead of 1.96.
+fn beside(known_m: f64, radius_m: f64) -> f64 {
+    radius_m.max(known_m + ONE_SIDE * radius_m)
 }
 
 /// The greatest part of a point's variance.

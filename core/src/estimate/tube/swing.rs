@@ -2,15 +2,25 @@
 //!
 //! At each point of a tube the platform is a body on springs: its mass matrix, and its stiffness by the cables' tensions and
 //! elasticity. Drums of length-held cables move as planned; those of tension-held ones give way to an error of tension as their
-//! law says. The inertia force of the planned acceleration moves the body off its path. What counts is the amplitude in each
-//! natural mode: the phase is lost within some periods, since frequencies are known to some percent only.
+//! law says. The inertia force of the planned acceleration moves the body off its path. What this force explains while it lasts
+//! is known. Of the rest the amplitude in each natural mode counts: the phase is lost within some periods, since frequencies
+//! are known to some percent only.
 
 use super::belief::Doubts;
 use crate::estimate::region::tool_per_pose;
 use crate::motion::{Model, PlanError, StaticState};
 use crate::robot::TensionOutput;
 use mcdpr_kinematics::Pose;
-use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector6};
+use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector3, Vector6};
+
+/// How a tool swings at a time.
+#[derive(Debug, Default)]
+pub(super) struct Swung {
+    /// How far the present acceleration holds it back, m: that is no matter of phase.
+    pub(super) off_m: Vector3<f64>,
+    /// Covariance of the rest, m2.
+    pub(super) covariance: Matrix3<f64>,
+}
 
 /// A platform on its way.
 pub(super) struct Swing {
@@ -21,6 +31,8 @@ pub(super) struct Swing {
     own: Matrix6<f64>,
     /// The same of the plan's own swing now: its modes give way together while the platform accelerates.
     now: Matrix6<f64>,
+    /// What the present acceleration explains of how far the platform is off its path (m, rad).
+    held_back: Vector6<f64>,
     /// How far the platform is off its path, and how fast it leaves it (m, rad; per s).
     off: Vector6<f64>,
     leaves: Vector6<f64>,
@@ -35,13 +47,14 @@ impl Swing {
             before: *before,
             own: Matrix6::zeros(),
             now: Matrix6::zeros(),
+            held_back: Vector6::zeros(),
             off: Vector6::zeros(),
             leaves: Vector6::zeros(),
             last: None,
         }
     }
 
-    /// Goes on to a point of the plan: covariance of the tool's swing there, m2. `None` where the platform has no modes.
+    /// Goes on to a point of the plan: how the tool swings there. `None` where the platform has no modes.
     ///
     /// # Errors
     /// A pose without geometry.
@@ -50,7 +63,7 @@ impl Swing {
         model: &Model,
         rest: &StaticState,
         time_s: f64,
-    ) -> Result<Option<Matrix3<f64>>, PlanError> {
+    ) -> Result<Option<Swung>, PlanError> {
         let pose = rest.equilibrium.pose;
         let speed = match &self.last {
             // Rounding of poses that are nearly at the same time would count as speed.
@@ -73,11 +86,14 @@ impl Swing {
         Ok(Some(self.tool(model, &pose)))
     }
 
-    /// Covariance of the tool's swing with the platform at this pose, m2.
-    fn tool(&self, model: &Model, pose: &Pose) -> Matrix3<f64> {
+    /// The tool's swing with the platform at this pose.
+    fn tool(&self, model: &Model, pose: &Pose) -> Swung {
         let arm = pose.rotation * model.robot().tool.tcp_in_platform_m;
         let tool = tool_per_pose(&arm);
-        tool * (self.before + self.now) * tool.transpose()
+        Swung {
+            off_m: tool * self.held_back,
+            covariance: tool * (self.before + self.now) * tool.transpose(),
+        }
     }
 
     /// Covariance of the platform's swing now: shift (m) and turn (rad), world.
@@ -95,14 +111,23 @@ impl Swing {
         (self.off, self.leaves) = (off * keep, leaves * keep);
         let share = self.doubts.swing.powi(2);
         self.own = Matrix6::zeros();
-        self.now = self.off * self.off.transpose() * share;
+        self.now = Matrix6::zeros();
+        self.held_back = Vector6::zeros();
+        let at_rest = body.given_way(acceleration).unwrap_or_default();
         for (square, shape) in body.squares.iter().zip(body.shapes.column_iter()) {
             let by_mass = body.mass * shape;
             let (out, speed) = (by_mass.dot(&self.off), by_mass.dot(&self.leaves));
             let turned = shape * shape.transpose() * (speed * speed / square * share);
             self.own += turned + shape * shape.transpose() * (out * out * share);
             self.now += turned;
+            // In a mode that is slower than the acceleration lasts the platform has not gone so far yet, and
+            // after it nothing is explained.
+            let explained = by_mass.dot(&at_rest);
+            let (least, most) = (out.min(0.0), out.max(0.0));
+            self.held_back += shape * explained.clamp(least, most);
         }
+        let rest = self.off - self.held_back;
+        self.now += rest * rest.transpose() * share;
     }
 }
 
@@ -187,6 +212,11 @@ impl Body {
         }))
     }
 
+    /// Where the platform rests under the inertia force of an acceleration that lasts: shift (m) and turn (rad), world.
+    fn given_way(&self, acceleration: &Vector6<f64>) -> Option<Vector6<f64>> {
+        self.stiffness.lu().solve(&-(self.mass * acceleration))
+    }
+
     /// Displacement and its rate after a step under the inertia force of a planned acceleration: Newmark's method with constant
     /// mean acceleration (1959), which is stable at any step.
     fn moved_on(
@@ -216,7 +246,6 @@ const LEAST_S: f64 = 2e-3;
 mod tests {
     use super::*;
     use crate::robot::Robot;
-    use nalgebra::Vector3;
 
     #[test]
     fn a_platform_that_accelerates_gives_way_by_its_length_held_cables_each_counted_once() {
@@ -246,6 +275,7 @@ mod tests {
             (off, leaves) = body.moved_on(&off, &leaves, &acceleration, 0.01).unwrap();
             leaves *= 0.9;
         }
+        assert!((body.given_way(&acceleration).unwrap() - off).norm() < 1e-9);
         let shift = |of: &Vector6<f64>| Vector3::new(of[0], of[1], of[2]);
         let wrong = (shift(&off) - shift(&by_hand)).norm() / shift(&by_hand).norm();
         // What the tensions add to the stiffness is a few percent.
