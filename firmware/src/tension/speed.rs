@@ -137,7 +137,10 @@ impl TensionLoop {
             reason = "2^31 times 100 ms are 2^27"
         )]
         let ahead = (late >> 21) as i32;
-        demand.planned_speed_umps + ahead - answer
+        demand
+            .planned_speed_umps
+            .saturating_add(ahead)
+            .saturating_sub(answer)
     }
 
     /// The speed of the last tick, µm/s.

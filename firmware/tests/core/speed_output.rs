@@ -116,7 +116,10 @@ fn in_motion_the_drum_turns_at_the_planned_speed_and_a_stop_ends_with_its_brake_
             break;
         }
         let most = planned + 1.0;
-        assert!((-1.0..=most).contains(&f64::from(rpm(&bench))));
+        // While it decelerates it is led by half of its drive's lead of 8 ms, so that at the end it is asked to turn back a
+        // little: 2.5 times the mean deceleration of a stop of 300 ms.
+        let least = -2.5 * planned / 0.3 * 0.004 - 1.0;
+        assert!((least..=most).contains(&f64::from(rpm(&bench))));
     }
     bench.run(1500);
     assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));

@@ -285,6 +285,28 @@ fn a_missing_heartbeat_is_a_lost_drive_whatever_else_it_says() {
 }
 
 #[test]
+fn feedback_is_as_old_as_its_sync_whenever_it_arrives() {
+    let mut bench = enabled();
+    // A period of two ticks: SYNC at each even one.
+    while bench.now % 2 == 1 {
+        bench.tick(ENABLE);
+    }
+    bench.tick(ENABLE);
+    bench.give(0x183, &[0x27, 0x02, 0xE8, 0x03, 0, 0, 0xF4, 0x01]);
+    assert_eq!(bench.tick(ENABLE)[0].age_ms, 0, "in the tick after SYNC");
+    bench.tick(ENABLE);
+    // Two ticks later, and no SYNC in between.
+    for _ in 0..2 {
+        bench.bus.listen(&mut bench.port);
+    }
+    bench.give(0x183, &[0x27, 0x02, 0xE8, 0x03, 0, 0, 0xF4, 0x01]);
+    bench.bus.listen(&mut bench.port);
+    let mut inputs = Inputs::<2>::default();
+    bench.bus.fill(&mut inputs);
+    assert_eq!(inputs.drives[0].age_ms, 2);
+}
+
+#[test]
 fn torque_goes_at_once_and_comes_back_only_by_enabling() {
     let mut bench = enabled();
     say(&mut bench, 0x27, [8, 10]);

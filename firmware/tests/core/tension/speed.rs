@@ -96,3 +96,28 @@ fn whole_turns_per_minute_add_up_to_the_speed() {
 
 /// 1,520,148 counts a drum turn of 125.66 mm, 4096 a motor turn, 60 s a minute.
 const MOTOR_RPM_PER_UMPS: f32 = 0.177_2;
+
+#[test]
+fn a_drum_that_accelerates_is_led_by_half_of_its_drives_lag() {
+    let mut config = speed_config(&DEFAULT);
+    config.lead_us = 6_000;
+    let mut law = TensionLoop::at(10_000);
+    let mut speed_at = |planned_acceleration_umps2| {
+        let demand = Demand {
+            setpoint_mn: 10_000,
+            measured_mn: 10_000,
+            planned_speed_umps: 20_000,
+            planned_acceleration_umps2,
+            ..Demand::default()
+        };
+        law.update_speed(&config, &demand)
+    };
+    // 1 m/s2 times 3 ms are 3 mm/s, within 5 %.
+    for (acceleration, expected_umps) in [(0, 20_000), (1_000_000, 23_000), (-1_000_000, 17_000)] {
+        let speed_umps = speed_at(acceleration);
+        assert!(
+            (speed_umps - expected_umps).abs() < 200,
+            "{speed_umps} of {expected_umps}"
+        );
+    }
+}

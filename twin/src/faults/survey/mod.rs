@@ -251,10 +251,8 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
             outcome.latched, outcome.refused
         ));
     }
-    if outcome.injected && !outcome.is_noticed() && !injections.is_empty() {
-        if !outcome.may_be_silent {
-            wrong.push("not noticed".to_owned());
-        }
+    if outcome.injected && !outcome.is_noticed() && !outcome.may_be_silent {
+        wrong.push("not noticed".to_owned());
     }
     outcome.violations = wrong;
 }
