@@ -211,8 +211,9 @@ fn an_overload_is_refused_before_it_leaves_the_table() {
         .attempts
         .iter()
         .filter(|a| a.outcome == Outcome::TooHeavy);
+    // Two of the three are too heavy; the last of the four attempts may try one of them again.
     assert!(
-        heavy.clone().count() == 2 && scene.carried_off == 1,
+        heavy.clone().count() >= 2 && scene.carried_off == 1,
         "{outcomes:?} {:?}",
         scene.grips
     );
