@@ -36,7 +36,7 @@ fn a_closed_brake_a_slip_a_break_and_an_open_input_are_told_from_what_the_board_
         (296, F::C1, F::C5, F::C1),
         // It breaks while the robot arms: its floor is checked, and it stays slack.
         (259, F::C3, F::C1, F::C3),
-        (172, F::S6, F::S4, F::S6),
+        (172, F::S6, F::S2, F::S6),
     ] {
         let outcome = outcome(&model, seed, injected);
         let record = outcome.latched.unwrap();

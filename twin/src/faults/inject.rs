@@ -9,6 +9,8 @@ use mcdpr_simulator::{BoardFailure, FaultLineTap, Simulation, WireFaults};
 /// A contact at full strength carries this share of the platform's weight (C5): the board's limit is a
 /// fifth of it, or more where cables are tight against each other.
 const CONTACT_SHARE: f64 = 1.0 / 3.0;
+/// A dragging brake at full strength takes this share of what the motor has: all of it also where the load helps (D4).
+const DRAG_SHARE: f64 = 4.0 / 3.0;
 /// A drifted sensor at full strength is off by this share of its range (S10).
 const OFFSET_SHARE: f64 = 1.0 / 8.0;
 
@@ -53,7 +55,7 @@ pub const fn how(fault: FaultId) -> How {
             How::Plant("the drive fails: it gives no torque, and a CiA 402 drive says so")
         }
         FaultId::D3 => How::Plant("the drive sends no feedback"),
-        FaultId::D4 => How::Plant("the brake drags with as much as the motor has behind its gear"),
+        FaultId::D4 => How::Plant("the brake drags with a third more than the motor has behind its gear"),
         FaultId::D5 => How::Plant("the drive never comes up"),
         FaultId::D6 => How::Plant("the drive reports that it is too hot (CiA 402 only)"),
         FaultId::D7 => How::Plant("the drive ignores its commands"),
@@ -261,7 +263,7 @@ fn apply_to_plant(
         FaultId::S9 => of.tension_noise_factor = 10.0 * strength,
         FaultId::S10 => of.tension_offset_n = OFFSET_SHARE * strength * range_n,
         FaultId::D3 => of.drive.silent = true,
-        FaultId::D4 => of.brake.drag_n = strength * motor_n,
+        FaultId::D4 => of.brake.drag_n = DRAG_SHARE * strength * motor_n,
         FaultId::D5 => of.drive.late_s = f64::INFINITY,
         FaultId::D7 => of.drive.ignores_commands = true,
         FaultId::B1 => of.brake.stays_closed = true,
