@@ -55,7 +55,9 @@ pub const fn how(fault: FaultId) -> How {
             How::Plant("the drive fails: it gives no torque, and a CiA 402 drive says so")
         }
         FaultId::D3 => How::Plant("the drive sends no feedback"),
-        FaultId::D4 => How::Plant("the brake drags with a third more than the motor has behind its gear"),
+        FaultId::D4 => {
+            How::Plant("the brake drags with a third more than the motor has behind its gear")
+        }
         FaultId::D5 => How::Plant("the drive never comes up"),
         FaultId::D6 => How::Plant("the drive reports that it is too hot (CiA 402 only)"),
         FaultId::D7 => How::Plant("the drive ignores its commands"),
