@@ -81,7 +81,7 @@ const NOTICED: &str = "L8:1@0.9s=L18:0 L8:2@closing+0.1s=L18:0 L10:3@0.9s=L10:0 
     S6:1@start=S6:1 S6:2@0.9s=S6:2 S7:2@start=S7:2 S7:3@0.9s=S7:3 S7:4@closing+0.1s=S7:4 S8:3@start=S8:3 \
     S8:4@0.9s=S8:4 S8:1@closing+0.1s=S8:1 S10:1@start=S10:1 S11:2@start=S11:2 S11:3@0.9s=S11:3 \
     S11:4@closing+0.1s=S11:4 D1:4@start=D1:0 D1:1@0.9s=D1:0 D1:2@closing+0.1s=D1:0 D2:1@start=D7:1 \
-    D2:2@0.9s=D7:2 D3:2@start=D5:2 D3:3@0.9s=D3:3 D3:4@closing+0.1s=D3:4 D4:3@start=B1:3 D4:4@0.9s=D2:4 \
+    D2:2@0.9s=D7:2 D3:2@start=D5:2 D3:3@0.9s=D3:3 D3:4@closing+0.1s=D3:4 D4:3@start=B1:3 D4:4@0.9s=B1:4 \
     D5:4@start=D5:4 D6:1@start=D6:1 D6:2@0.9s=D6:2 D6:3@closing+0.1s=D6:3 D7:2@start=D5:2 D7:3@0.9s=C1:3 \
     B1:3@start=B1:3 B1:4@0.9s=B1:4 B2:4@start=B2:4 B2:1@0.9s=B2:1 B2:2@closing+0.1s=B2:2 P2:3@start=P2:0 \
     P2:4@0.9s=P2:0 P2:1@closing+0.1s=P2:0 P7:4@start=P7:0 P7:1@0.9s=P7:0 P7:2@closing+0.1s=P7:0 \
