@@ -172,3 +172,25 @@ pub fn motor_speed_umps(config: &CableConfig, drive: &DriveInput) -> i32 {
     let speed = saturate((i64::from(drive.rpm) * config.speed_per_rpm_q16) >> 16);
     if config.motor_reversed { -speed } else { speed }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drives_reading_is_carried_on_by_half_a_tick_beside_whole_ones() {
+        let axis = Axis::zeroed(1000, 5_000_000);
+        let config = CableConfig::NOTHING;
+        for (age_ms, ahead) in [(0, 1_000), (3, 7_000)] {
+            let drive = DriveInput {
+                counts: 1000,
+                age_ms,
+                ..DriveInput::default()
+            };
+            // 200 mm/s times half a millisecond are 0.1 mm; three and a half are 0.7.
+            let length = axis.by_motor(&config, &drive, 200_000);
+            assert_eq!(length - 5_000_000, ahead);
+            assert_eq!(axis.by_motor(&config, &drive, -200_000) - 5_000_000, -ahead);
+        }
+    }
+}

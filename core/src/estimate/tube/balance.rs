@@ -22,7 +22,7 @@ pub(super) struct Balance<'a> {
 }
 
 impl Balance<'_> {
-    pub(super) fn arm(&self, path: &CablePath) -> Vector3<f64> {
+    fn arm(&self, path: &CablePath) -> Vector3<f64> {
         path.attachment_m - self.pose.position_m
     }
 

@@ -73,8 +73,8 @@ impl Doubts {
     /// A machine that is known by its robot file, its anchors within this half width, m: 5 mm by a tape
     /// measure, 0.3 mm surveyed.
     ///
-    /// Half widths of 0.1 mm for attachments, 0.05 mm for the radii of pulleys, 1 mm for the centre of mass, 2 % of mass and of tension at
-    /// the pulleys, 20 % of stiffness and bandwidth, 1 % of a sensor's gain.
+    /// Half widths of 0.1 mm for attachments, 0.05 mm for the radii of pulleys, 1 mm for the centre of mass, 2 % of mass
+    /// and of tension at the pulleys, 20 % of stiffness and bandwidth, 1 % of a sensor's gain.
     #[must_use]
     pub const fn within(anchors_m: f64) -> Self {
         Self {

@@ -80,3 +80,60 @@ impl Drives {
         Ok(motion)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{Model, Step, path::Path};
+    use crate::robot::Robot;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn what_has_lasted_is_learnt_and_what_turns_round_is_not() {
+        let model = Model::new(&Robot::built_in("eight-cable").unwrap()).unwrap();
+        let home_m = model.robot().tool.home_in_world_m;
+        let to_m = home_m + Vector3::new(0.25, 0.0, 0.0);
+        let step = |from: &Vector3<f64>, to: &Vector3<f64>| Step::Move {
+            path: Path::through(&[*from, *to]).unwrap(),
+            duration_s: None,
+            speed_mps: Some(0.1),
+        };
+        let steps = [step(&home_m, &to_m), step(&to_m, &home_m)];
+        let plan = Plan::new(&model, &home_m, &steps).unwrap();
+        let end_s = plan.timed.duration_s();
+        let mut drives = Drives::new(model.robot().cables.len());
+        let (mut unled, mut untrimmed, mut accelerates) = (Vec::new(), Vec::new(), Vec::new());
+        let times_s: Vec<f64> = (0..)
+            .map(|k| f64::from(k) * 0.01)
+            .take_while(|s| *s < end_s)
+            .collect();
+        for time_s in &times_s {
+            let motion = drives.at(&plan, *time_s).unwrap();
+            unled.push(motion.unled_mps[0]);
+            untrimmed.push(motion.untrimmed_mps[0]);
+            accelerates.push(motion.length_mps2[0]);
+        }
+        let at = |time_s: f64| times_s.iter().position(|s| *s >= time_s).unwrap();
+        let speed_mps = |time_s: f64| {
+            let lengths = |s: f64| plan.timed.lengths_m(s).unwrap()[0];
+            (lengths(time_s + 0.01) - lengths(time_s - 0.01)) / 0.02
+        };
+        // Before it turns round it has moved for more than two seconds.
+        let before_s = end_s / 2.0 - 0.4;
+        let speed = speed_mps(before_s).abs();
+        assert!(speed > 0.02, "{speed}");
+        assert!(unled[at(before_s)].abs() < 0.05 * speed);
+        assert!(untrimmed[at(before_s)].abs() < 0.15 * speed);
+        assert!(accelerates[at(before_s)].abs() < 0.05);
+        // Turned round, it is off by nearly twice its speed by the trim, and not by the lead.
+        let after = at(end_s / 2.0)..at(end_s / 2.0 + 0.4);
+        let most = |of: &[f64]| {
+            of[after.clone()]
+                .iter()
+                .map(|v| v.abs())
+                .fold(0.0, f64::max)
+        };
+        assert!(most(&untrimmed) > 1.2 * speed, "{}", most(&untrimmed));
+        assert!(most(&unled) < 0.9 * speed, "{}", most(&unled));
+    }
+}

@@ -7,8 +7,8 @@
 //! tool. The slopes come from one transposed solution per axis of the tool, which costs no more for many
 //! errors than for few (the adjoint method).
 //!
-//! What is not static is an assumption of its own: a drive follows later than the board expects by a
-//! share of its time constant, and the platform's natural modes answer the plan's acceleration by a swing.
+//! What is not static is added: what the boards have not learnt yet of drives that follow late (`drives`), and how the
+//! platform answers the plan's acceleration (`swing`).
 
 mod at_rest;
 mod balance;
@@ -35,7 +35,6 @@ const MOST_POINTS: f64 = 1000.0;
 const LEAST_STEP_S: f64 = 0.01;
 /// Travel over which a pulley's friction turns, m: Dahl's model, as in docs/day.md.
 const PRESLIDING_M: f64 = 2e-4;
-
 /// Quantile of a normal distribution that leaves 5 % on one side, over the one that leaves them on both.
 const ONE_SIDE: f64 = 1.645 / 1.96;
 

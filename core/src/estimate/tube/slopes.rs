@@ -13,7 +13,6 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 const LEAST_GAIN: f64 = 1e-3;
 /// Displacement for numerical derivatives of the cables' directions, m.
 const STEP_M: f64 = 1e-6;
-
 /// A pulley's radius among the errors of a cable.
 const RADIUS: usize = 13;
 

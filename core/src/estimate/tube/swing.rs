@@ -281,4 +281,25 @@ mod tests {
         // What the tensions add to the stiffness is a few percent.
         assert!(wrong < 0.08, "{off} in the tube, {by_hand} by hand");
     }
+
+    #[test]
+    fn an_acceleration_explains_where_the_platform_is_while_it_lasts_and_not_afterwards() {
+        let model = Model::new(&Robot::built_in("eight-cable").unwrap()).unwrap();
+        let rest = model.rest_at_home().unwrap();
+        let body = Body::of(&model, &rest).unwrap().unwrap();
+        let mut swing = Swing::new(Doubts::within(0.0), &Matrix6::zeros());
+        let full = Vector6::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        // It grows within a second: too slowly for a swing.
+        for step in 1..=100 {
+            swing.go_on(&body, &(full * f64::from(step) * 0.01), 0.01);
+        }
+        let known = body.given_way(&full).unwrap();
+        let off = (swing.held_back - known).norm() / known.norm();
+        assert!(off < 0.1, "{} {known}", swing.held_back);
+        // What is left over is little, and counted in full while its phase is lost.
+        assert!(swing.now.trace() < 0.05 * known.norm_squared());
+        swing.go_on(&body, &Vector6::zeros(), 0.01);
+        assert_eq!(swing.held_back, Vector6::zeros());
+        assert!(swing.own.trace() > 0.05 * known.norm_squared());
+    }
 }
