@@ -1,6 +1,6 @@
 //! A robot whose number of cables is known at run time only.
 
-use nalgebra::{Rotation3, Vector3, Vector6};
+use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
 
 use crate::cable_vec::{CableVec, MAX_CABLES};
 use crate::equilibrium::EquilibriumGuess;
@@ -238,6 +238,25 @@ impl AnyRobot {
     /// As [`Robot::inverse`].
     pub fn paths(&self, pose: &Pose) -> Result<CableVec<CablePath>, Error> {
         dispatch!(self, r => Ok(list(&r.paths(pose)?)))
+    }
+
+    /// Calls `each` with every cable's number, zero-based, its path and the slopes (1/m, world) of its direction by the place
+    /// of its attachment: the Hessian of its length. See [`crate::Inverse::point_hessian`].
+    ///
+    /// # Errors
+    /// As [`Robot::inverse`]; then `each` is not called.
+    pub fn each_path(
+        &self,
+        pose: &Pose,
+        mut each: impl FnMut(usize, &CablePath, &Matrix3<f64>),
+    ) -> Result<(), Error> {
+        dispatch!(self, r => {
+            let inverse = r.inverse(pose)?;
+            for i in 0..r.cables().len() {
+                each(i, &r.path_of(pose, &inverse, i), &inverse.point_hessian(r, i));
+            }
+            Ok(())
+        })
     }
 
     /// Rows of the twist Jacobian, one per cable. See [`crate::Inverse::twist_jacobian`].

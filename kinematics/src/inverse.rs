@@ -272,19 +272,22 @@ impl<const N: usize> Robot<N> {
     /// As [`Robot::inverse`].
     pub fn paths(&self, pose: &Pose) -> Result<[CablePath; N], Error> {
         let inverse = self.inverse(pose)?;
-        Ok(core::array::from_fn(|i| {
-            let cable = &self.cables()[i];
-            let (e, a) = (inverse.swivel_direction(i), cable.swivel_axis);
-            CablePath {
-                length_m: inverse.lengths_m[i],
-                wrap_rad: inverse.wraps_rad[i],
-                tangent_point_m: cable.anchor_m
-                    + (e * (1.0 - inverse.wrap_cos[i]) + a * inverse.wrap_sin[i])
-                        * cable.pulley_radius_m,
-                direction: inverse.direction(i),
-                attachment_m: pose.position_m + inverse.arm_m(i),
-            }
-        }))
+        Ok(core::array::from_fn(|i| self.path_of(pose, &inverse, i)))
+    }
+
+    /// The path of cable `i`, zero-based, by the inverse at this pose.
+    pub(crate) fn path_of(&self, pose: &Pose, inverse: &Inverse<N>, i: usize) -> CablePath {
+        let cable = &self.cables()[i];
+        let (e, a) = (inverse.swivel_direction(i), cable.swivel_axis);
+        CablePath {
+            length_m: inverse.lengths_m[i],
+            wrap_rad: inverse.wraps_rad[i],
+            tangent_point_m: cable.anchor_m
+                + (e * (1.0 - inverse.wrap_cos[i]) + a * inverse.wrap_sin[i])
+                    * cable.pulley_radius_m,
+            direction: inverse.direction(i),
+            attachment_m: pose.position_m + inverse.arm_m(i),
+        }
     }
 
     /// The first cable outside the domain, as an error.

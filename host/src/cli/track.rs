@@ -5,6 +5,7 @@ use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment::{Experiment, Looking};
 use crate::motion::Model;
+use crate::robot::Robot;
 use crate::run::tracking::{Lesson, Tracking};
 use crate::tracked::Store;
 use mcdpr_core::estimate::friction::{BOUNDS, Friction};
@@ -37,7 +38,7 @@ pub(crate) enum Cables {
     Steel,
 }
 
-/// Lengths of a robot that was homed at a taught place contain the errors of its anchors there, m.
+/// Lengths of a calibrated robot that was homed at a taught place, m.
 const HOMED_M: f64 = 3e-4;
 /// Greatest shift of the planned tool by one rest, m: laps last up to a minute, in which tight cables creep by that.
 const STEP_M: f64 = 2e-3;
@@ -45,11 +46,15 @@ const STEP_M: f64 = 2e-3;
 const STEEL_CREEP: f64 = 1e-5;
 
 /// What is assumed of a robot before its first rest.
-pub(crate) fn prior() -> Prior {
+pub(crate) fn prior(robot: &Robot) -> Prior {
+    // A robot that is known by its file alone has lengths that are right at home, whatever its anchors and cables are.
+    let homed = robot.calibrated.is_none();
+    let known = Prior::default();
     Prior {
-        length_m: HOMED_M,
+        length_m: if homed { known.length_m } else { HOMED_M },
+        homed,
         step_m: STEP_M,
-        ..Prior::default()
+        ..known
     }
 }
 
@@ -80,8 +85,8 @@ impl Track {
     }
 
     /// What is assumed before the first rest.
-    pub(crate) fn prior(&self) -> Prior {
-        let mut prior = prior();
+    pub(crate) fn prior(&self, robot: &Robot) -> Prior {
+        let mut prior = prior(robot);
         if self.cables == Cables::Steel {
             prior.creep = [0.0, STEEL_CREEP];
         }
@@ -123,7 +128,7 @@ impl Track {
     /// # Errors
     /// A kept state of another robot, or a damaged one.
     pub(crate) fn start(&self, common: &Common, model: &Model) -> miette::Result<Started> {
-        let prior = self.prior();
+        let prior = self.prior(model.robot());
         if common.on == "sim" {
             let tracking = Tracking::new(model, &prior);
             return Ok(Started {
@@ -189,7 +194,7 @@ impl Started {
 /// # Errors
 /// Nothing is; the state is another robot's, or damaged, or of another description.
 pub(crate) fn in_use(common: &Common, model: &Model) -> miette::Result<Tracking> {
-    match Store::beside(&common.robot).resume(model, &prior())? {
+    match Store::beside(&common.robot).resume(model, &prior(model.robot()))? {
         (tracking, Some(_)) => Ok(tracking),
         (_, None) => {
             let reason = "nothing is tracked of this robot yet; `mcdpr run TASK --track --on PORT` begins it";
@@ -271,7 +276,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = common.robot()?;
         let model = Model::new(&robot)?;
-        let prior = prior();
+        let prior = prior(model.robot());
         let store = Store::beside(&common.robot);
         if common.dry_run && (self.forget || self.back_to.is_some()) {
             return Err(super::dry::refusal("track --back-to and --forget").into());

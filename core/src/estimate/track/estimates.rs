@@ -99,17 +99,23 @@ impl Tracker {
     }
 
     /// The robot was homed anew, with these paid-out lengths now, m: the encoders' reference contains what the
-    /// cables have crept. The anchors' displacement is not in it.
+    /// cables have crept, and, where they are taken at home, what anchors and stiffness change there.
     pub fn homed(&mut self, lengths_m: &[f64]) {
         let layout = self.layout;
         for (i, length_m) in lengths_m.iter().enumerate().take(layout.cables) {
             let routing_m = self.robot.cables.get(i).map_or(0.0, |c| c.routing_length_m);
             let strain = self.now.mean[layout.creep(i, 0)] + self.now.mean[layout.creep(i, 1)];
             // With this offset the creep of now changes no length.
-            let offset_m = -strain * (length_m + routing_m);
-            self.now
-                .reset(layout.offset(i), offset_m, self.prior.length_m);
-            self.planned[layout.offset(i)] = offset_m;
+            let mut offset_m = -strain * (length_m + routing_m);
+            let state = layout.offset(i);
+            self.now.reset(state, offset_m, self.prior.length_m);
+            let follows = self.at_home.iter().flatten();
+            for (from, _, slope) in follows.filter(|(_, to, _)| *to == state) {
+                self.now.couple(*from, state, *slope);
+                offset_m += slope * self.now.mean[*from];
+            }
+            self.now.mean[state] = offset_m;
+            self.planned[state] = offset_m;
             for element in 0..2 {
                 let state = layout.creep(i, element);
                 self.planned[state] = self.now.mean[state];

@@ -1,5 +1,7 @@
 //! Normal distribution of the slow states, and its update by rows with unit noise.
 
+use nalgebra::{DMatrix, DVector};
+
 /// Mean and covariance.
 #[derive(Debug, Clone)]
 pub(super) struct Gaussian {
@@ -8,13 +10,40 @@ pub(super) struct Gaussian {
     pub(super) covariance: Vec<f64>,
 }
 
+/// Slopes lie in groups of this many rows: one multiplication of the processor takes two or four.
+const GROUP: usize = 4;
+
 /// Rows `residual + slopes (x - at) + noise = 0`, the noise of unit variance.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
     pub(super) at: Vec<f64>,
     pub(super) residual: Vec<f64>,
-    /// One row of slopes per residual.
-    pub(super) slopes: Vec<Vec<f64>>,
+    /// For each group of rows the slopes of all its rows by the first state, then by the second, and so on.
+    slopes: Vec<Vec<[f64; GROUP]>>,
+}
+
+impl Linear {
+    /// Rows of zeros about these states.
+    pub(super) fn new(at: &[f64], rows: usize) -> Self {
+        Self {
+            at: at.to_vec(),
+            residual: vec![0.0; rows],
+            slopes: vec![vec![[0.0; GROUP]; at.len()]; rows.div_ceil(GROUP)],
+        }
+    }
+
+    pub(super) fn slope_mut(&mut self, row: usize, state: usize) -> &mut f64 {
+        &mut self.slopes[row / GROUP][state][row % GROUP]
+    }
+}
+
+/// What rows teach of states.
+#[derive(Debug, Clone)]
+pub(super) struct Lesson {
+    pub(super) mean: Vec<f64>,
+    pub(super) fit: Fit,
+    /// Row by row, one value per state: the covariance loses their squares.
+    known: Vec<Vec<f64>>,
 }
 
 /// How well rows fitted before they were used.
@@ -97,7 +126,7 @@ impl Gaussian {
         }
     }
 
-    /// `to` follows `from` by `factor`: adds what that means to the covariance. Both were independent.
+    /// `to` follows `from` by `factor`: adds what that means to the covariance.
     pub(super) fn couple(&mut self, from: usize, to: usize, factor: f64) {
         let size = self.size();
         let column: Vec<f64> = (0..size)
@@ -109,7 +138,7 @@ impl Gaussian {
                 self.covariance[k * size + to] += factor * value;
             }
         }
-        self.covariance[to * size + to] += factor * factor * column[from];
+        self.covariance[to * size + to] += factor * (factor * column[from] + 2.0 * column[to]);
     }
 
     /// `covariance` times a vector.
@@ -140,75 +169,140 @@ impl Gaussian {
         out
     }
 
-    /// Takes the rows into account, one after the other (Kalman, 1960, with scalar observations).
-    pub(super) fn update(&mut self, linear: &Linear) -> Fit {
-        let size = self.size();
-        let mut product = vec![0.0; size];
-        let mut fit = Fit::default();
-        for (residual, slopes) in linear.residual.iter().zip(&linear.slopes) {
-            self.times(slopes, &mut product);
-            let variance = dot(slopes, &product) + 1.0;
-            let off: f64 = slopes
-                .iter()
-                .zip(self.mean.iter().zip(&linear.at))
-                .map(|(slope, (mean, at))| slope * (mean - at))
-                .sum();
-            let innovation = -(residual + off);
-            let inverse = 1.0 / variance;
-            for (mean, gain) in self.mean.iter_mut().zip(&product) {
-                *mean += gain * innovation * inverse;
+    /// What rows teach (Kalman, 1960); the covariance is left to [`Self::taught`]. `None` where they are no numbers.
+    pub(super) fn learn(&self, linear: &Linear) -> Option<Lesson> {
+        let rows = linear.residual.len();
+        let off: Vec<f64> = self
+            .mean
+            .iter()
+            .zip(&linear.at)
+            .map(|(m, at)| m - at)
+            .collect();
+        let mut innovation = DVector::zeros(rows);
+        let mut spread = DMatrix::identity(rows, rows);
+        // Covariance times slopes, group by group.
+        let products: Vec<Vec<[f64; GROUP]>> = linear
+            .slopes
+            .iter()
+            .map(|group| self.times_group(group))
+            .collect();
+        for (first, group) in linear.slopes.iter().enumerate() {
+            let by_off = weighted(&off, group);
+            for row in first * GROUP..rows.min((first + 1) * GROUP) {
+                innovation[row] = -(linear.residual[row] + by_off[row % GROUP]);
             }
-            for (line, gain) in self.covariance.chunks_exact_mut(size).zip(&product) {
-                let factor = gain * inverse;
-                if factor == 0.0 {
-                    continue;
-                }
-                for (slot, value) in line.iter_mut().zip(&product) {
-                    *slot -= factor * value;
+            // The lower triangle is enough for the factor.
+            for (second, product) in products.iter().take(first + 1).enumerate() {
+                let block = outer(group, product);
+                for i in first * GROUP..rows.min((first + 1) * GROUP) {
+                    for j in second * GROUP..=i.min(second * GROUP + GROUP - 1) {
+                        spread[(i, j)] += block[i % GROUP][j % GROUP];
+                    }
                 }
             }
-            fit.squares += innovation * innovation * inverse;
-            fit.log_volume += libm::log(variance);
-            fit.rows += 1;
         }
-        fit
+        let factor = spread.cholesky()?.unpack();
+        let white = factor.solve_lower_triangular(&innovation)?;
+        // Products over the factor: of unit variance, and independent.
+        let mut known: Vec<Vec<f64>> = Vec::with_capacity(rows);
+        for row in 0..rows {
+            let (group, k) = (row / GROUP, row % GROUP);
+            let mut line: Vec<f64> = products[group].iter().map(|product| product[k]).collect();
+            for (before, other) in known.iter().enumerate() {
+                let share = factor[(row, before)];
+                line.iter_mut()
+                    .zip(other)
+                    .for_each(|(slot, value)| *slot -= share * value);
+            }
+            let inverse = 1.0 / factor[(row, row)];
+            line.iter_mut().for_each(|slot| *slot *= inverse);
+            known.push(line);
+        }
+        let mut mean = self.mean.clone();
+        for (line, by) in known.iter().zip(white.iter()) {
+            mean.iter_mut()
+                .zip(line)
+                .for_each(|(slot, value)| *slot += by * value);
+        }
+        let fit = Fit {
+            squares: white.norm_squared(),
+            log_volume: 2.0 * factor.diagonal().iter().map(|v| libm::log(*v)).sum::<f64>(),
+            rows,
+        };
+        Some(Lesson { mean, fit, known })
     }
+
+    /// The states after a lesson.
+    pub(super) fn taught(&self, lesson: Lesson) -> Self {
+        let size = self.size();
+        let mut covariance = self.covariance.clone();
+        let zeros = vec![0.0; size];
+        for row in 0..size {
+            let line = &mut covariance[row * size..][..=row];
+            // Four at a time: each pass over the line costs as much as its arithmetic.
+            for group in lesson.known.chunks(GROUP) {
+                let part = |k: usize| &group.get(k).unwrap_or(&zeros)[..=row];
+                let (a, b, c, d) = (part(0), part(1), part(2), part(3));
+                let by = [a[row], b[row], c[row], d[row]];
+                let others = a.iter().zip(b).zip(c.iter().zip(d));
+                for (slot, ((a, b), (c, d))) in line.iter_mut().zip(others) {
+                    *slot -= (by[0] * a + by[1] * b) + (by[2] * c + by[3] * d);
+                }
+            }
+        }
+        for row in 0..size {
+            for column in 0..row {
+                covariance[column * size + row] = covariance[row * size + column];
+            }
+        }
+        Self {
+            mean: lesson.mean,
+            covariance,
+        }
+    }
+
+    /// Covariance times a group of slopes: as many values per state.
+    fn times_group(&self, slopes: &[[f64; GROUP]]) -> Vec<[f64; GROUP]> {
+        let lines = self.covariance.chunks_exact(self.size());
+        lines.map(|line| weighted(line, slopes)).collect()
+    }
+}
+
+/// Sum of the slopes, each times its factor; even and odd ones by themselves, which need not wait for each other.
+#[inline]
+fn weighted(factors: &[f64], slopes: &[[f64; GROUP]]) -> [f64; GROUP] {
+    let mut even = [0.0; GROUP];
+    let mut odd = [0.0; GROUP];
+    let (pairs, last) = factors.as_chunks::<2>();
+    let (slope_pairs, last_slope) = slopes.as_chunks::<2>();
+    for ([f, g], [a, b]) in pairs.iter().zip(slope_pairs) {
+        for k in 0..GROUP {
+            even[k] += f * a[k];
+            odd[k] += g * b[k];
+        }
+    }
+    for (f, a) in last.iter().zip(last_slope) {
+        for k in 0..GROUP {
+            even[k] += f * a[k];
+        }
+    }
+    core::array::from_fn(|k| even[k] + odd[k])
+}
+
+/// Sum over the states of the products of each slope with each entry.
+#[inline]
+fn outer(slopes: &[[f64; GROUP]], product: &[[f64; GROUP]]) -> [[f64; GROUP]; GROUP] {
+    let mut sums = [[0.0; GROUP]; GROUP];
+    for (slope, entry) in slopes.iter().zip(product) {
+        for k in 0..GROUP {
+            for l in 0..GROUP {
+                sums[k][l] += slope[k] * entry[l];
+            }
+        }
+    }
+    sums
 }
 
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
-
-/// Householder's reflections that make the first `columns` of the rows upper triangular; all columns
-/// follow. `false` where the columns have no full rank.
-pub(super) fn triangulate(rows: &mut [Vec<f64>], columns: usize) -> bool {
-    for column in 0..columns {
-        let square: f64 = rows
-            .iter()
-            .skip(column)
-            .map(|r| r[column] * r[column])
-            .sum();
-        let length = square.sqrt();
-        if length.is_nan() || length <= 1e-9 {
-            return false;
-        }
-        let pivot = rows[column][column];
-        let alpha = if pivot > 0.0 { -length } else { length };
-        let mut mirror: Vec<f64> = rows.iter().skip(column).map(|r| r[column]).collect();
-        mirror[0] -= alpha;
-        let scale = 2.0 / dot(&mirror, &mirror);
-        let width = rows[column].len();
-        let mut sums = vec![0.0; width];
-        for (row, factor) in rows.iter().skip(column).zip(&mirror) {
-            for (sum, value) in sums.iter_mut().zip(row).skip(column) {
-                *sum += factor * value;
-            }
-        }
-        for (row, factor) in rows.iter_mut().skip(column).zip(&mirror) {
-            for (value, sum) in row.iter_mut().zip(&sums).skip(column) {
-                *value -= scale * factor * sum;
-            }
-        }
-    }
-    true
 }

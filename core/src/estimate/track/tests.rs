@@ -1,18 +1,18 @@
-//! The filter against least squares, the rows' slopes against differences, and what a rest teaches.
+//! What rests teach.
 
-use super::gaussian::{Gaussian, Linear};
 use super::*;
 use crate::estimate::region::tool_per_pose;
 use crate::estimate::tube::{Doubts, Errors};
-use crate::random::Random;
-use crate::robot::Robot;
+use crate::robot::{Robot, TagPlace};
+use crate::sight::TagView;
+use nalgebra::Vector3;
 
 fn model() -> Model {
     Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap()
 }
 
 /// A rest as a robot without any error would measure it, with its tool moved from home.
-fn exact(model: &Model, by_m: [f64; 3]) -> (Measurements, Vec<f64>, Pose) {
+pub(super) fn exact(model: &Model, by_m: [f64; 3]) -> (Measurements, Vec<f64>, Pose) {
     let tool = model.robot().tool.home_in_world_m + Vector3::from(by_m);
     let rest = model.rest(&tool, None).unwrap();
     let measured = Measurements {
@@ -23,46 +23,36 @@ fn exact(model: &Model, by_m: [f64; 3]) -> (Measurements, Vec<f64>, Pose) {
     (measured, vec![0.0; 4], rest.equilibrium.pose)
 }
 
-#[test]
-fn updates_one_by_one_are_least_squares() {
-    let mut random = Random::new(5);
-    let size = 6;
-    let sigmas: Vec<f64> = (0..size).map(|k| 0.5 + f64::from(k)).collect();
-    let mean: Vec<f64> = (0..size).map(|_| random.normal()).collect();
-    let mut states = Gaussian::new(mean.clone(), &sigmas);
-    let rows: Vec<Vec<f64>> = (0..9)
-        .map(|_| (0..size).map(|_| random.normal()).collect())
-        .collect();
-    let residual: Vec<f64> = (0..9).map(|_| random.normal()).collect();
-    let at: Vec<f64> = (0..size).map(|_| random.normal()).collect();
-    // Normal equations of the prior and the rows, solved by another library.
-    let n = size as usize;
-    let h = nalgebra::DMatrix::from_fn(9, n, |i, j| rows[i][j]);
-    let prior =
-        nalgebra::DMatrix::from_fn(
-            n,
-            n,
-            |i, j| {
-                if i == j { 1.0 / sigmas[i].powi(2) } else { 0.0 }
-            },
-        );
-    let information = h.transpose() * &h + &prior;
-    let at_vector = nalgebra::DVector::from_vec(at.clone());
-    let right = &prior * nalgebra::DVector::from_vec(mean)
-        + h.transpose() * (&h * at_vector - nalgebra::DVector::from_vec(residual.clone()));
-    let covariance = information.try_inverse().unwrap();
-    let want = &covariance * right;
-    states.update(&Linear {
-        at,
-        residual,
-        slopes: rows,
+/// A tag, at a place in the world, as the robot's camera sees it from a pose with its bracket bent along the picture.
+fn seen(
+    robot: &Robot,
+    tag: &crate::robot::Tag,
+    world_from_body: Pose,
+    platform: &Pose,
+    bent_m: f64,
+) -> (Vec<TagView>, Vec<TagPlace>) {
+    let camera_from_body = robot
+        .camera
+        .camera_from_platform
+        .compose(&platform.inverse())
+        .compose(&world_from_body);
+    let corners_px = tag.corners_in_body_m.map(|corner| {
+        let mut seen = camera_from_body.transform(&corner);
+        seen.x += bent_m;
+        let pixel = robot.camera.lens.projection(&seen.into()).unwrap().pixel;
+        [pixel.x, pixel.y]
     });
-    for i in 0..n {
-        assert!((states.mean[i] - want[i]).abs() < 1e-9);
-        for j in 0..n {
-            assert!((states.covariance[i * n + j] - covariance[(i, j)]).abs() < 1e-9);
-        }
-    }
+    let view = TagView {
+        id: tag.id,
+        corners_px,
+        covariance_px2: [[[0.01, 0.0], [0.0, 0.01]]; 4],
+        image_time_us: 0,
+    };
+    let place = TagPlace {
+        body: tag.body,
+        world_from_body,
+    };
+    (vec![view], vec![place])
 }
 
 #[test]
@@ -169,38 +159,15 @@ fn plans_follow_in_bounded_steps_and_a_wild_rest_is_not_followed() {
 
 #[test]
 fn a_bent_camera_is_named_by_two_looks_though_rests_between_them_fit() {
-    use crate::robot::TagPlace;
-    use crate::sight::TagView;
     let model = model();
     let mut tracker = Tracker::new(&model, &Prior::default());
     let robot = model.robot();
     let tag = robot.tags[0].clone();
     let floor = Vector3::new(0.33, 0.0, -0.72);
-    let place = TagPlace {
-        body: tag.body,
-        world_from_body: Pose::level(floor),
-    };
     // What a camera sees whose bracket is bent by a shift along the picture.
     let look = |by_m: [f64; 3], bent_m: f64| {
         let (mut measured, hauled, near) = exact(&model, by_m);
-        let camera_from_body = robot
-            .camera
-            .camera_from_platform
-            .compose(&near.inverse())
-            .compose(&place.world_from_body);
-        let corners_px = tag.corners_in_body_m.map(|corner| {
-            let mut seen = camera_from_body.transform(&corner);
-            seen.x += bent_m;
-            let pixel = robot.camera.lens.projection(&seen.into()).unwrap().pixel;
-            [pixel.x, pixel.y]
-        });
-        measured.views = vec![TagView {
-            id: tag.id,
-            corners_px,
-            covariance_px2: [[[0.01, 0.0], [0.0, 0.01]]; 4],
-            image_time_us: 0,
-        }];
-        measured.places = vec![place];
+        (measured.views, measured.places) = seen(robot, &tag, Pose::level(floor), &near, bent_m);
         (measured, hauled, near)
     };
     let places = [[0.08, 0.1, -0.1], [0.05, 0.12, -0.15], [0.1, 0.08, -0.05]];

@@ -135,7 +135,7 @@ impl Cmd {
                 Kind::Seeing => Looking::Simulated,
                 _ => Looking::Blind,
             };
-            let tracking = (Tracking::new(model, &prior()), None);
+            let tracking = (Tracking::new(model, &prior(model.robot())), None);
             experiment = experiment.tracked(
                 tracking,
                 looking,

@@ -52,7 +52,7 @@ impl Cmd {
             return Err(Failed::from_error("--look")(reason).into());
         }
         let belief = Belief::of(&robot, &doubts(anchors_mm, 0.0));
-        let prior = crate::cli::track::prior();
+        let prior = crate::cli::track::prior(&robot);
         let rests = AtRests {
             prior: &prior,
             looks: self.look,

@@ -1,10 +1,10 @@
 //! Time of one update of the tracker of slow states, beside one plan's equilibrium in the same run.
 //!
-//! `cargo run --release -p mcdpr-tests --example track_time`
+//! `cargo run --release -p mcdpr-core --example track_time`
 
-use mcdpr::estimate::Measurements;
-use mcdpr::estimate::track::{Prior, Tracker};
-use mcdpr::motion::Model;
+use mcdpr_core::estimate::Measurements;
+use mcdpr_core::estimate::track::{Prior, Tracker};
+use mcdpr_core::motion::Model;
 use nalgebra::Vector3;
 use std::time::Instant;
 
@@ -13,7 +13,7 @@ const UPDATES: u32 = 400;
 
 fn main() {
     for name in ["lab-fast", "eight-cable"] {
-        let model = Model::new(&mcdpr::robot::find(name).unwrap()).unwrap();
+        let model = Model::new(&mcdpr_core::robot::Robot::built_in(name).unwrap()).unwrap();
         let home = model.robot().tool.home_in_world_m;
         let count = model.robot().cables.len();
         let rests: Vec<_> = (0..UPDATES)

@@ -1,0 +1,111 @@
+//! Lengths that were taken at home contain the errors that anchors and stiffness make there.
+
+use super::layout::Layout;
+use crate::motion::Model;
+
+/// A state, the offset of a length that follows it, and by how much.
+pub(super) type Follows = (usize, usize, f64);
+
+/// How offsets follow anchors and compliances where the encoders were set to the lengths of the description at home, to first
+/// order: `(paid out + routing + offset) (1 + tension / EA) = length + routing` holds there on the true machine, and
+/// without offset on the described one. None for a robot that cannot hang at home.
+pub(super) fn slopes(model: &Model, layout: Layout) -> Vec<Follows> {
+    let mut out = Vec::new();
+    let Ok(rest) = model.rest_at_home() else {
+        return out;
+    };
+    let Ok(paths) = model.geometry().paths(&rest.equilibrium.pose) else {
+        return out;
+    };
+    let cables = model.robot().cables.iter().zip(paths.iter());
+    let rests = rest.paid_out_m.iter().zip(rest.tensions_n());
+    for (i, ((cable, path), (paid_out_m, tension_n))) in cables.zip(rests).enumerate() {
+        let strain = tension_n / cable.ea_n;
+        let elastic = 1.0 + strain;
+        let offset = layout.offset(i);
+        let off_drum_m = paid_out_m + cable.routing_length_m;
+        out.push((layout.compliance(i), offset, -off_drum_m * strain / elastic));
+        for axis in 0..3 {
+            // The way from an anchor is shorter by as much as the anchor moves along it.
+            let slope = -path.direction[axis] / elastic;
+            out.push((layout.anchor(i) + axis, offset, slope));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Prior, Tracker};
+    use super::*;
+    use crate::estimate::Measurements;
+    use crate::robot::Robot;
+    use nalgebra::Vector3;
+
+    fn layout(robot: &Robot) -> Layout {
+        Layout {
+            cables: robot.cables.len(),
+        }
+    }
+
+    #[test]
+    fn offsets_at_home_are_those_of_a_machine_with_these_errors() {
+        let robot = Robot::built_in("eight-cable").unwrap();
+        let described = Model::new(&robot).unwrap();
+        let layout = layout(&robot);
+        let told = slopes(&described, layout);
+        for (cable, softer, anchor_m) in [
+            (0, 0.1, Vector3::zeros()),
+            (4, 0.0, Vector3::new(3e-4, -2e-4, 1e-4)),
+            (7, -0.1, Vector3::new(0.0, 2e-4, 2e-4)),
+        ] {
+            let mut machine = robot.clone();
+            machine.cables[cable].ea_n /= 1.0 + softer;
+            machine.cables[cable].anchor_in_world_m += anchor_m;
+            let there = Model::new(&machine).unwrap().rest_at_home().unwrap();
+            let said = described.rest_at_home().unwrap();
+            // The encoder shows what the description has at home.
+            let offset_m = there.paid_out_m[cable] - said.paid_out_m[cable];
+            let by_slopes: f64 = (told.iter())
+                .filter(|(_, to, _)| *to == layout.offset(cable))
+                .map(|(from, _, slope)| {
+                    let axis = from.wrapping_sub(layout.anchor(cable));
+                    slope * anchor_m.get(axis).copied().unwrap_or(softer)
+                })
+                .sum();
+            assert!(
+                (offset_m - by_slopes).abs() < 0.05 * offset_m.abs() && offset_m.abs() > 5e-6,
+                "cable {cable}: {offset_m} {by_slopes}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_homed_robot_knows_where_it_is_at_home_whatever_its_cables_are() {
+        let robot = Robot::built_in("eight-cable").unwrap();
+        let model = Model::new(&robot).unwrap();
+        let rest = model.rest_at_home().unwrap();
+        let commanded = Measurements {
+            lengths_m: rest.paid_out_m.clone(),
+            tensions_n: rest.tensions_n().to_vec(),
+            ..Measurements::default()
+        };
+        let spread_m = |homed: bool, compliance: f64, anchor_m: f64| {
+            let prior = Prior {
+                homed,
+                compliance,
+                anchor_m,
+                ..Prior::default()
+            };
+            let tracker = Tracker::new(&model, &prior);
+            let region = tracker.region(&commanded, &[0.0; 8], &rest.equilibrium.pose);
+            region.unwrap().covariance_m2.trace().sqrt()
+        };
+        let exact = spread_m(true, 0.0, 0.0);
+        let (homed, free) = (spread_m(true, 0.12, 2e-4), spread_m(false, 0.12, 2e-4));
+        assert!(
+            homed < 1.05 * exact && free > 1.5 * exact,
+            "{exact} {homed} {free}"
+        );
+    }
+}
