@@ -201,14 +201,17 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
 
-    /// Distance of the tool of the model at rest at home from the machine's own, m.
+    /// Distance of the machine's tool at home from where the model has it with the home lengths that it knows, m; both with
+    /// the tensions that the machine has there.
     fn off_at_home_m(robot: &Robot) -> f64 {
         let model = Model::new(robot).unwrap();
-        let known = model.rest(&robot.tool.home_in_world_m, None).unwrap();
         let (machine, mismatch, seed) = machine::of_calibration(robot, 0).unwrap();
         let plant = machine::at_rest(&model, machine, &mismatch, seed, None).unwrap();
-        let tool_m = Vector3::from(plant.truth().unwrap().tool_position_m);
-        (model.tool_m(&known) - tool_m).norm()
+        let truth = plant.truth().unwrap();
+        let home_m = &robot.calibrated.as_ref().unwrap().home_lengths_m;
+        let tensions_n = &truth.tensions_platform_n[..home_m.len()];
+        let known = model.rest_from_lengths(home_m, tensions_n).unwrap();
+        (model.tool_m(&known) - Vector3::from(truth.tool_position_m)).norm()
     }
 
     #[test]
