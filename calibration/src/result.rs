@@ -315,8 +315,12 @@ fn open_errors(robot: &Robot, unexplained: Option<&Unexplained>) -> Option<DMatr
 /// Iterations between position and tensions at home.
 const HOME_PASSES: usize = 4;
 
-/// True position of the tool at the lengths at which the encoders were zeroed.
-fn home_of(robot: &Robot, home_m: &[f64]) -> Result<Vector3<f64>, PlanError> {
+/// Where the tool is (world, m) at the lengths at which the encoders were zeroed (one per cable, m), as this robot's
+/// description has it.
+///
+/// # Errors
+/// Where no resting pose fits these lengths.
+pub fn home_of(robot: &Robot, home_m: &[f64]) -> Result<Vector3<f64>, PlanError> {
     let model = Model::new(robot)?;
     // The tensions follow from the position by the rule for set-points, and the position from the
     // lengths under these tensions: each pass reduces the error to a hundredth.

@@ -22,11 +22,13 @@
 
 mod collected;
 mod laps;
+mod told;
 
 pub(crate) use collected::{calibrated, collected, over_board};
 pub(crate) use laps::Looking;
 pub(crate) use laps::simulated_eyes;
 use laps::{Keep, Laps, Noting, Tracked, Truth};
+pub(crate) use told::{Told, told, truth};
 
 use crate::control::Handle;
 use crate::link::{Link, Paced, SimulatedLink};

@@ -131,3 +131,42 @@ fn studies_refuse_the_chip_a_port_and_a_bad_file() {
     std::fs::write(&file, "cycle,pose,x_mm,y_mm,z_mm\n1,1,0,nan,0\n").unwrap();
     refused(&["study", "iso9283", "--tracker", path], "line 2", here);
 }
+
+#[test]
+fn the_circle_by_the_true_constants_is_nearer_without_the_wrench_and_says_what_it_was_told() {
+    let path_mm = |shares: &str| {
+        let out = mcdpr()
+            .args(["study", "demo", "--machine", "as-found", "--seeds", "2"])
+            .args(["--told", "all", "--shares", shares, "--json"])
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(0), "{said}");
+        let found: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!(found["told"], serde_json::json!(["all"]));
+        assert_eq!(found["shares"], shares);
+        let path = &found["as-found"]["path_mean_mm"];
+        path["median"].as_f64().unwrap()
+    };
+    // 20 machines: 0.10 mm (at most 0.12) without the wrench, 0.36 (at least 0.24) with all of it.
+    let (without, with) = (path_mm("wrench=0"), path_mm("wrench=1"));
+    assert!(without < 0.15, "{without}");
+    assert!(with > 1.5 * without, "{with} of {without}");
+}
+
+#[test]
+fn the_study_of_the_circle_refuses_groups_that_it_does_not_know_and_other_machines() {
+    let folder = Folder::new("studies-told");
+    let here = folder.path();
+    let found = ["study", "demo", "--machine", "as-found"];
+    for (option, value, word) in [
+        ("--shares", "wind=0", "`wind`"),
+        ("--shares", "wrench=2", "`wrench=2`"),
+        ("--shares", "wrench", "`wrench`"),
+        ("--told", "moon", "moon"),
+    ] {
+        refused(&[&found[..], &[option, value]].concat(), word, here);
+    }
+    refused(&["study", "demo", "--told", "all"], "as-found", here);
+    refused(&["study", "demo", "--shares", "wrench=0"], "as-found", here);
+}

@@ -1,8 +1,10 @@
 //! The robot description as physics for the simulator, exact or with a stated mismatch.
 
 mod after_hours;
+mod sources;
 
 pub use after_hours::AfterHours;
+pub use sources::Source;
 
 use crate::line::plant_failed;
 use mcdpr_core::motion::{Model, PlanOptions};
@@ -132,10 +134,15 @@ impl Mismatch {
         out
     }
 
-    /// A kind of machine by its name: `exact`, `realistic`, `as-built`, `as-found`, `as-delivered` or
-    /// `after-hours`.
+    /// A machine by its name, as [`Self::parse`] reads it.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
+        Self::parse(name).ok()
+    }
+
+    /// A kind of machine: `exact`, `realistic`, `as-built`, `as-found`, `as-delivered` or
+    /// `after-hours`.
+    fn kind(name: &str) -> Option<Self> {
         match name {
             "exact" => Some(Self::default()),
             "realistic" => Some(Self::realistic()),

@@ -8,7 +8,7 @@ pub(crate) use boarded::line_to;
 pub use boarded::{simulate_unloaded, with_board};
 pub use firmware::{Controller, Firmware, FirmwareError};
 pub use mcdpr_core::machine::*;
-pub use mcdpr_twin::plant::{GearMismatch, Mismatch, at_rest, hang, plant_params};
+pub use mcdpr_twin::plant::{GearMismatch, Mismatch, Source, at_rest, hang, plant_params};
 
 /// The machine of a robot that was calibrated on the simulator: as it was designed, with the errors and the seed
 /// that it was calibrated with. Homed anew since, and its cells have drifted, unless `session` is 0. `None` for any
