@@ -108,4 +108,37 @@ mod tests {
             "{exact} {homed} {free}"
         );
     }
+    #[test]
+    fn a_homing_puts_the_robot_home_whatever_its_cables_are_known_to_be() {
+        let robot = Robot::built_in("eight-cable").unwrap();
+        let model = Model::new(&robot).unwrap();
+        let rest = model.rest_at_home().unwrap();
+        let commanded = Measurements {
+            lengths_m: rest.paid_out_m.clone(),
+            tensions_n: rest.tensions_n().to_vec(),
+            ..Measurements::default()
+        };
+        let prior = Prior {
+            homed: true,
+            ..Prior::default()
+        };
+        let mut tracker = Tracker::new(&model, &prior);
+        let layout = layout(&robot);
+        // Cables have become soft since, and are known as well as before.
+        for cable in 0..8 {
+            tracker.now.mean[layout.compliance(cable)] = 0.1;
+            tracker.now.reset(layout.offset(cable), 0.0, 1e-3);
+        }
+        let region = |tracker: &Tracker| {
+            let there = tracker.region(&commanded, &[0.0; 8], &rest.equilibrium.pose);
+            let there = there.unwrap();
+            let off_m = (there.tool_m - robot.tool.home_in_world_m).norm();
+            (off_m, there.covariance_m2.trace().sqrt())
+        };
+        let (before, at_first) = (region(&tracker), region(&Tracker::new(&model, &prior)));
+        tracker.homed(&commanded.lengths_m);
+        let after = region(&tracker);
+        assert!(before.0 > 4e-5 && after.0 < 1e-6, "{before:?} {after:?}");
+        assert!(after.1 < 1.05 * at_first.1, "{at_first:?} {after:?}");
+    }
 }

@@ -324,3 +324,31 @@ fn spread(robot: &Robot, doubts: &Doubts) -> DMatrix<f64> {
     let variances = sigmas.iter().map(|sigma| sigma * sigma);
     DMatrix::from_diagonal(&DVector::from_iterator(errors.count(), variances))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_tracked_takes_with_a_length_what_the_length_explains_of_a_radius() {
+        let robot = Robot::built_in("planar-vertical").unwrap();
+        let mut belief = Belief::of(&robot, &Doubts::by_tape());
+        let errors = Errors {
+            cables: robot.cables.len(),
+        };
+        // A calibration knows their sum within 0.1 mm, each within 2 mm.
+        let (length, radius) = (errors.length(1), errors.radius(1));
+        let (apart_m, sum_m) = (2e-3_f64, 1e-4_f64);
+        belief.covariance[(length, length)] = apart_m * apart_m;
+        belief.covariance[(radius, radius)] = apart_m * apart_m + sum_m * sum_m;
+        belief.covariance[(length, radius)] = -apart_m * apart_m;
+        belief.covariance[(radius, length)] = -apart_m * apart_m;
+        let other_m2 = belief.covariance[(errors.radius(0), errors.radius(0))];
+        let nothing = DMatrix::zeros(errors.count(), errors.count());
+        let tracked = belief.with_tracked(&nothing, "a test").covariance;
+        let left_m = tracked[(radius, radius)].sqrt();
+        assert!((left_m / sum_m - 1.0).abs() < 1e-6, "{left_m}");
+        assert_eq!(tracked[(errors.radius(0), errors.radius(0))], other_m2);
+        assert!(tracked[(radius, length)].abs() + tracked[(length, length)] < 1e-18);
+    }
+}
