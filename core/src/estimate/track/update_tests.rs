@@ -144,3 +144,22 @@ fn the_rows_slopes_are_those_of_their_residuals() {
         }
     }
 }
+
+#[test]
+fn a_state_that_follows_others_has_their_covariance_though_they_are_correlated() {
+    let mut states = Gaussian::new(vec![0.0; 3], &[1.0, 2.0, 0.5]);
+    states.covariance[1] = 1.2;
+    states.covariance[3] = 1.2;
+    let before = nalgebra::DMatrix::from_row_slice(3, 3, &states.covariance);
+    states.couple(0, 2, 0.5);
+    states.couple(1, 2, -2.0);
+    let follows =
+        nalgebra::DMatrix::from_row_slice(3, 3, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.5, -2.0, 1.0]);
+    let want = &follows * before * follows.transpose();
+    for (i, value) in states.covariance.iter().enumerate() {
+        assert!(
+            (value - want[(i / 3, i % 3)]).abs() < 1e-12,
+            "{i}: {value} {want}"
+        );
+    }
+}

@@ -224,6 +224,40 @@ fn a_plan_swings_by_its_acceleration_and_leaves_a_swing_behind() {
     assert!(tool(&after.swings) > 0.8 * left_mm);
 }
 
+/// A drum that holds a tension by its speed gives way to an error of 1 N by `kp` mm/s: what it is late, as long as the cable
+/// accelerates, is an error of tension.
+#[test]
+fn a_tension_held_drum_that_is_late_is_an_error_of_its_tension() {
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let plan = plan(&model);
+    let rest = plan.state(plan.timed.duration_s()).unwrap();
+    let errors = Errors { cables: 4 };
+    let mut motion = Motion::none(4);
+    let slopes = |motion: &Motion| {
+        let instant = Instant {
+            model: &model,
+            errors,
+            rest: &rest,
+            home: None,
+            home_m: 0.0,
+            rubbed: &[0.0; 4],
+            motion,
+        };
+        let (slopes, _) = instant.slopes().unwrap();
+        [errors.late(3), errors.zero(3)]
+            .map(|error| Vector3::new(slopes[(0, error)], slopes[(1, error)], slopes[(2, error)]))
+    };
+    assert_eq!(slopes(&motion)[0], Vector3::zeros());
+    motion.length_mps2[3] = 0.5;
+    let [late, by_newton] = slopes(&motion);
+    let kp_mps_per_n = model.robot().tension.kp * 1e-3;
+    let off = late + by_newton * (0.5 / kp_mps_per_n);
+    assert!(
+        off.norm() < 1e-9 * late.norm() && late.norm() > 0.0,
+        "{late} {by_newton}"
+    );
+}
+
 /// In a robot whose attitude is planned, on a machine that is known well.
 #[test]
 fn a_tube_holds_what_the_acceleration_explains_in_full() {
