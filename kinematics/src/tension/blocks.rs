@@ -15,6 +15,8 @@ const LEAST: f64 = 1e-4;
 type Three = [[f64; 3]; 3];
 
 /// A A^T, ready to solve with.
+// Blocks are of six equations, whose factor is larger still.
+#[allow(clippy::large_enum_variant)]
 pub(super) enum Normal<const K: usize> {
     /// Six equations, far from singular.
     Blocks(Blocks),
