@@ -4,6 +4,7 @@ use super::data::Data;
 use super::error::Refusal;
 use super::pnp::sightings;
 use mcdpr_kinematics::Pose;
+use nalgebra::Vector3;
 
 /// Fewest poses of a calibration.
 pub const POSES_MIN: usize = 7;
@@ -111,14 +112,18 @@ fn near_repeats(data: &Data) -> usize {
 /// so that one misread picture must not count: the largest tenth of the angles is left out.
 fn tilt_spread_deg(poses: &[Pose]) -> f64 {
     let axis = |pose: &Pose| pose.rotation.matrix().column(2).into_owned();
-    let mut angles = Vec::new();
-    for (k, a) in poses.iter().enumerate() {
-        for b in poses.iter().take(k) {
-            angles.push(axis(a).angle(&axis(b)).to_degrees());
+    let axes: Vec<Vector3<f64>> = poses.iter().map(axis).collect();
+    let mut angles = Vec::with_capacity(axes.len() * axes.len() / 2);
+    for (k, a) in axes.iter().enumerate() {
+        for b in &axes[..k] {
+            angles.push(a.angle(b).to_degrees());
         }
     }
-    angles.sort_by(f64::total_cmp);
-    angles.get(angles.len() * 9 / 10).copied().unwrap_or(0.0)
+    let place = angles.len() * 9 / 10;
+    if angles.is_empty() {
+        return 0.0;
+    }
+    *angles.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
 /// The platform's pose from the body that shows most corners: of its candidates the one that

@@ -86,10 +86,16 @@ impl<'a> Corner<'a> {
         // d(R^T v) = R^T (v x phi): the row is (by_world x v).
         put(own, 3, &by_world.cross(&self.from_platform));
         shared.clear();
-        spread(shared, at.camera, &by_point);
-        spread(shared, at.camera + 3, &self.turned.cross(&by_point));
-        spread(shared, at.body, &by_world);
-        spread(shared, at.body + 3, &self.on_body.cross(&by_world));
+        let (camera, body) = (self.turned.cross(&by_point), self.on_body.cross(&by_world));
+        // At once: there are thousands of rows.
+        let all = [
+            (at.camera, by_point),
+            (at.camera + 3, camera),
+            (at.body, by_world),
+            (at.body + 3, body),
+        ];
+        let entry = |i: usize| Entry::new(all[i / 3].0 + i % 3, all[i / 3].1[i % 3]);
+        shared.extend::<[Entry; 12]>(std::array::from_fn(entry));
         by_world
     }
 }

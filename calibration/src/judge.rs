@@ -227,41 +227,63 @@ fn judge_priors(
     Ok(())
 }
 
+/// What a misfit can come from.
+#[derive(Clone, Copy, PartialEq)]
+enum Suspect {
+    Pose(usize),
+    Length(usize),
+    Tension(usize),
+    Inclinometer,
+    Tag(usize),
+}
+
 /// Finds the cable, pose or tag that contributes most to the misfit.
 fn blame(model: &Model<'_>, minimum: &Minimum) -> String {
-    let mut sums: Vec<(String, f64)> = Vec::new();
-    let mut add = |who: String, square: f64| match sums.iter_mut().find(|(name, _)| *name == who) {
+    // Words are made for one of them only: there are thousands of rows.
+    let mut sums: Vec<(Suspect, f64)> = Vec::new();
+    let mut add = |who: Suspect, square: f64| match sums.iter_mut().find(|(one, _)| *one == who) {
         Some((_, sum)) => *sum += square,
         None => sums.push((who, square)),
     };
     let mut total = 0.0;
     for (k, sources) in minimum.sources.iter().enumerate() {
-        for (j, source) in sources.iter().enumerate() {
-            // 20 standard deviations at most: one gross outlier must not hide the cause of many
-            // misfits.
-            let square = minimum.normal.residuals[k][j].powi(2).min(400.0);
-            total += square;
-            add(format!("pose {}", k + 1), square);
+        // 20 standard deviations at most: one gross outlier must not hide the cause of many
+        // misfits.
+        let residuals = minimum.normal.residuals[k].iter();
+        let squares: Vec<f64> = residuals.map(|r| r.powi(2).min(400.0)).collect();
+        let of_pose = squares.iter().sum::<f64>();
+        total += of_pose;
+        if !sources.is_empty() {
+            add(Suspect::Pose(k), of_pose);
+        }
+        for (source, &square) in sources.iter().zip(&squares) {
             match source {
-                Source::Encoder(i) => add(format!("cable {}'s length", i + 1), square),
-                Source::Tension(i) => add(format!("cable {}'s tension", i + 1), square),
-                Source::Tilt(_) => add("the inclinometer".to_owned(), square),
+                Source::Encoder(i) => add(Suspect::Length(*i), square),
+                Source::Tension(i) => add(Suspect::Tension(*i), square),
+                Source::Tilt(_) => add(Suspect::Inclinometer, square),
                 Source::Balance(_) => {}
                 Source::Corner(v, ..) => {
-                    let tag = model.data.poses[k].views[*v].tag;
-                    add(format!("tag {}", model.data.tags[tag].id), square);
+                    add(Suspect::Tag(model.data.poses[k].views[*v].tag), square);
                 }
             }
         }
     }
-    sums.sort_by(|a, b| b.1.total_cmp(&a.1));
-    match sums.first() {
-        Some((who, sum)) => format!(
-            "{who} contributes most ({:.0} % of it)",
-            100.0 * sum / total
-        ),
-        None => "no single cause".to_owned(),
-    }
+    // Of equal ones the first.
+    let most = sums.iter().rev().max_by(|a, b| a.1.total_cmp(&b.1));
+    let Some((who, sum)) = most else {
+        return "no single cause".to_owned();
+    };
+    let who = match who {
+        Suspect::Pose(k) => format!("pose {}", k + 1),
+        Suspect::Length(i) => format!("cable {}'s length", i + 1),
+        Suspect::Tension(i) => format!("cable {}'s tension", i + 1),
+        Suspect::Inclinometer => "the inclinometer".to_owned(),
+        Suspect::Tag(tag) => format!("tag {}", model.data.tags[*tag].id),
+    };
+    format!(
+        "{who} contributes most ({:.0} % of it)",
+        100.0 * sum / total
+    )
 }
 
 fn name(model: &Model<'_>, index: usize) -> String {

@@ -24,6 +24,7 @@
 //! | [`verify`] | comparison with poses measured by other means |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
+mod alike;
 pub mod answer;
 mod assay;
 mod causes;
@@ -40,6 +41,7 @@ mod hand_eye;
 pub mod joint;
 mod judge;
 mod lengths;
+mod leverage;
 mod normal;
 mod observability;
 pub mod paper;

@@ -1,6 +1,7 @@
 //! Normal equations in arrow form: unknowns of each pose, and unknowns shared by all. The former are
 //! eliminated pose by pose (Schur complement; Triggs et al., 2000), which leaves a small dense system.
 
+use super::alike::{Alike, PoseSlots, turned};
 use super::corner::Entry;
 use super::rows::{Model, Row, Source, singles};
 use super::unknowns::{Priors, State};
@@ -33,11 +34,12 @@ pub struct Normal {
 /// The system with the poses eliminated.
 #[derive(Debug, Clone)]
 pub struct Reduced {
-    own: usize,
+    /// Unknowns of one pose.
+    pub(super) own: usize,
     /// Pose after pose: Cholesky factor of the own block, row-major.
-    factors: Vec<f64>,
+    pub(super) factors: Vec<f64>,
     /// `shared` x (poses * own): columns are the rows of L^-1 cross.
-    coupling: DMatrix<f64>,
+    pub(super) coupling: DMatrix<f64>,
     /// L^-1 of the own gradients.
     own_g: DVector<f64>,
     /// Schur complement.
@@ -61,7 +63,7 @@ impl Normal {
             shared,
             own_h: vec![0.0; own * own * poses],
             own_g: vec![0.0; own * poses],
-            cross: vec![0.0; own * shared * poses],
+            cross: Vec::with_capacity(own * shared * poses),
             shared_h: vec![0.0; shared * shared],
             shared_g: DVector::zeros(shared),
             chi_square: 0.0,
@@ -70,8 +72,11 @@ impl Normal {
         };
         let cables = singles(state).ok()?;
         let mut corners = CornerSums::new();
+        let mut balance = Alike::new();
         for k in 0..poses {
-            let mut list = Vec::with_capacity(weights.get(k).map_or(0, Vec::len));
+            // Pose by pose, so that what is set to zero is still near when it is filled.
+            out.cross.resize(own * shared * (k + 1), 0.0);
+            let mut list = Vec::with_capacity(model.row_bound(k));
             model
                 .rows(state, &cables, k, |row| {
                     let weight = weights.get(k).and_then(|w| w.get(list.len()));
@@ -84,15 +89,23 @@ impl Normal {
                             corners.flush_shared(&mut out);
                         }
                         corners.add(row, weight, axis);
+                    } else if matches!(row.source, Source::Balance(_)) {
+                        balance.add(row, weight);
                     } else {
                         out.add(k, row, weight);
                     }
                 })
                 .ok()?;
             corners.flush_pose(k, &mut out);
+            balance.flush_pose(&mut PoseSlots {
+                h: &mut out.own_h[k * own * own..(k + 1) * own * own],
+                g: &mut out.own_g[k * own..(k + 1) * own],
+                cross: &mut out.cross[k * own * shared..(k + 1) * own * shared],
+            });
             out.residuals[k] = list;
         }
         corners.flush_shared(&mut out);
+        out.chi_square += balance.flush_shared(&mut out.shared_h, out.shared_g.as_mut_slice());
         for prior in state.priors(model.data, &model.layout, priors) {
             let weight = 1.0 / (prior.sigma * prior.sigma);
             out.shared_h[prior.index * (shared + 1)] += weight;
@@ -164,11 +177,9 @@ impl Normal {
     pub fn reduced(&self, damping: f64) -> Option<Reduced> {
         let (own, shared) = (self.own, self.shared);
         let poses = self.own_g.len() / own;
-        let mut coupling = DMatrix::zeros(shared, poses * own);
+        let mut coupling = Vec::with_capacity(shared * poses * own);
         let mut own_g = DVector::from_column_slice(&self.own_g);
         let mut factors = self.own_h.clone();
-        let values = coupling.as_mut_slice();
-        values.copy_from_slice(&self.cross);
         for k in 0..poses {
             let l = &mut factors[k * own * own..(k + 1) * own * own];
             for a in 0..own {
@@ -178,21 +189,31 @@ impl Normal {
                 *diagonal = *diagonal * (1.0 + damping) + 1.0;
             }
             factor(l, own)?;
-            let block = &mut values[k * own * shared..(k + 1) * own * shared];
+            let (from, to) = (k * own * shared, (k + 1) * own * shared);
+            coupling.extend_from_slice(&self.cross[from..to]);
+            let block = &mut coupling[from..to];
             let g = &mut own_g.as_mut_slice()[k * own..(k + 1) * own];
             for a in 0..own {
                 let (done, rest) = block.split_at_mut(a * shared);
                 let line = &mut rest[..shared];
-                let mut rhs = g[a];
-                for b in 0..a {
-                    let f = l[a * own + b];
-                    if f != 0.0 {
-                        for (x, y) in line.iter_mut().zip(&done[b * shared..(b + 1) * shared]) {
-                            *x -= f * y;
-                        }
-                        rhs -= f * g[b];
+                let factors = &l[a * own..a * own + a];
+                // Two at a time: each number of the line is read and written half as often.
+                let mut earlier = done.chunks_exact(2 * shared);
+                for (pair, f) in earlier.by_ref().zip(factors.chunks_exact(2)) {
+                    let (first, second) = pair.split_at(shared);
+                    for ((x, y), z) in line.iter_mut().zip(first).zip(second) {
+                        *x = *x - f[0] * y - f[1] * z;
                     }
                 }
+                if let [.., f] = factors.chunks_exact(2).remainder() {
+                    for (x, y) in line.iter_mut().zip(earlier.remainder()) {
+                        *x -= f * y;
+                    }
+                }
+                let rhs = factors
+                    .iter()
+                    .zip(&*g)
+                    .fold(g[a], |sum, (f, x)| sum - f * x);
                 let inv = 1.0 / l[a * own + a];
                 for x in line.iter_mut() {
                     *x *= inv;
@@ -200,26 +221,27 @@ impl Normal {
                 g[a] = rhs * inv;
             }
         }
-        let mut information = DMatrix::from_row_slice(shared, shared, &self.shared_h);
+        let coupling = DMatrix::from_vec(shared, poses * own, coupling);
+        // The lower triangle row by row is the upper one column by column.
+        let mut information = DMatrix::from_column_slice(shared, shared, &self.shared_h);
         for j in 0..shared {
             information[(j, j)] *= 1.0 + damping;
         }
-        // Only the lower triangle, in strips.
-        let turned = coupling.transpose();
-        const STRIP: usize = 16;
+        // Only the upper triangle, in strips. Each strip packs its rows anew: few are faster than narrow ones.
+        let turned = turned(coupling.as_slice(), shared, poses * own);
         for first in (0..shared).step_by(STRIP) {
             let width = STRIP.min(shared - first);
-            let rows = shared - first;
-            information.view_mut((first, first), (rows, width)).gemm(
+            let rows = first + width;
+            information.view_mut((0, first), (rows, width)).gemm(
                 -1.0,
-                &coupling.rows(first, rows),
+                &coupling.rows(0, rows),
                 &turned.columns(first, width),
                 1.0,
             );
         }
         for j in 0..shared {
             for i in 0..j {
-                information[(i, j)] = information[(j, i)];
+                information[(j, i)] = information[(i, j)];
             }
         }
         let mut gradient = self.shared_g.clone();
@@ -235,6 +257,9 @@ impl Normal {
     }
 }
 
+/// Columns of a product that are computed at once.
+const STRIP: usize = 40;
+
 /// Unknowns that a corner depends on, and its residual: 6 of the pose, 6 of the camera, 6 of the
 /// body, focal length, principal point (2), k1, tag scale, residual.
 const CORNER: usize = 24;
@@ -249,6 +274,8 @@ struct CornerSums {
     /// Index of each shared unknown in the normal equations.
     places: [usize; CORNER - 1 - OWN],
     sums: Box<[[f64; CORNER]; CORNER]>,
+    /// A row that is summed with the next one of its pose.
+    waiting: Option<[f64; CORNER]>,
 }
 
 impl CornerSums {
@@ -257,6 +284,7 @@ impl CornerSums {
             body: None,
             places: [0; CORNER - 1 - OWN],
             sums: Box::new([[0.0; CORNER]; CORNER]),
+            waiting: None,
         }
     }
 
@@ -285,13 +313,31 @@ impl CornerSums {
         x[21] = row.shared[14].slope;
         x[22] = row.shared[15].slope;
         x[23] = row.residual;
+        let root = weight.sqrt();
+        let x = x.map(|value| value * root);
+        // Two rows at a time: each sum is read and written half as often.
+        let Some(y) = self.waiting.take() else {
+            self.waiting = Some(x);
+            return;
+        };
+        self.sum(&x, &y);
+    }
+
+    fn sum(&mut self, x: &[f64; CORNER], y: &[f64; CORNER]) {
         for (i, line) in self.sums.iter_mut().enumerate() {
-            let value = x[i] * weight;
+            let values = (x[i], y[i]);
             // A multiple of four keeps the loop in whole vector registers; the rest is not read.
             let upto = (i / 4 + 1) * 4;
-            for (slot, other) in line[..upto].iter_mut().zip(&x[..upto]) {
-                *slot += value * other;
+            for ((slot, a), b) in line[..upto].iter_mut().zip(&x[..upto]).zip(&y[..upto]) {
+                *slot += values.0 * a + values.1 * b;
             }
+        }
+    }
+
+    /// Adds the row that waits for another one.
+    fn finish(&mut self) {
+        if let Some(x) = self.waiting.take() {
+            self.sum(&x, &[0.0; CORNER]);
         }
     }
 
@@ -300,6 +346,7 @@ impl CornerSums {
         if self.body.is_none() {
             return;
         }
+        self.finish();
         let last = CORNER - 1;
         let (own, shared) = (out.own, out.shared);
         for a in 0..OWN {
@@ -443,76 +490,7 @@ impl Reduced {
     pub fn covariance(&self) -> Option<DMatrix<f64>> {
         Some(Scaled::new(&self.information)?.inverse())
     }
-
-    /// The parts of a covariance that [`Reduced::leverage`] needs, computed once for all rows.
-    #[must_use]
-    pub(crate) fn leverages(&self, covariance: &DMatrix<f64>) -> Leverages {
-        let spread = covariance * &self.coupling;
-        let poses = self.own_g.len() / self.own;
-        let own = (0..poses)
-            .map(|k| {
-                let columns = self.coupling.columns(k * self.own, self.own);
-                columns.tr_mul(&spread.columns(k * self.own, self.own))
-            })
-            .collect();
-        Leverages { spread, own }
-    }
-
-    /// Variance of a row's prediction, in the row's variances: 1 means that the estimate follows
-    /// the measurement completely, 0 that it does not depend on it.
-    #[must_use]
-    pub(crate) fn leverage(
-        &self,
-        covariance: &DMatrix<f64>,
-        leverages: &Leverages,
-        k: usize,
-        row: &Row<'_>,
-    ) -> f64 {
-        let size = self.own * self.own;
-        let l = &self.factors[k * size..(k + 1) * size];
-        let mut a = [0.0; OWN_MAX];
-        let a = &mut a[..self.own];
-        a.copy_from_slice(row.own);
-        for i in 0..self.own {
-            let mut sum = a[i];
-            for j in 0..i {
-                sum -= l[i * self.own + j] * a[j];
-            }
-            a[i] = sum / l[i * self.own + i];
-        }
-        // With b = J - C a over the shared unknowns: b' V b, term by term, since J is sparse.
-        let mut sum = 0.0;
-        for &Entry { at: i, slope: x } in row.shared {
-            let mut inner = 0.0;
-            for &Entry { at: j, slope: y } in row.shared {
-                inner += covariance[(j, i)] * y;
-            }
-            let mut across = 0.0;
-            for (c, value) in a.iter().enumerate() {
-                across += leverages.spread[(i, k * self.own + c)] * value;
-            }
-            sum += x * (inner - 2.0 * across);
-        }
-        let own = &leverages.own[k];
-        for (i, x) in a.iter().enumerate() {
-            let mut inner = *x;
-            for (j, y) in a.iter().enumerate() {
-                inner += own[(j, i)] * y;
-            }
-            sum += x * inner;
-        }
-        sum
-    }
 }
 
 /// Most unknowns of one pose.
-const OWN_MAX: usize = 6 + mcdpr_kinematics::MAX_CABLES;
-
-/// Products of a covariance with the coupling between poses and shared unknowns.
-#[derive(Debug, Clone)]
-pub(crate) struct Leverages {
-    /// Covariance times coupling.
-    spread: DMatrix<f64>,
-    /// Per pose: coupling' x covariance x coupling.
-    own: Vec<DMatrix<f64>>,
-}
+pub(super) const OWN_MAX: usize = 6 + mcdpr_kinematics::MAX_CABLES;

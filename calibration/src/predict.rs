@@ -76,12 +76,32 @@ pub fn predict(
         }
     }
     let slopes = moves.position_from_lengths(&motion) * &by;
-    // Multiplied in this order because tall columns vectorise.
-    let cov = &slopes * (covariance * slopes.transpose());
     Ok(Prediction {
         encoder_m,
-        position_covariance_m2: cov.fixed_view::<3, 3>(0, 0).into_owned(),
+        position_covariance_m2: of_position(&slopes, covariance),
         position_slopes: slopes,
+    })
+}
+
+/// Covariance of a position that has these slopes (3 x unknowns), m^2. The position does not depend on a third of the
+/// unknowns (camera, masses, sensors' zeros): their columns are left out.
+fn of_position(slopes: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Matrix3<f64> {
+    let mut products = [(); 3].map(|()| vec![0.0; slopes.ncols()]);
+    for j in 0..slopes.ncols() {
+        let by: [f64; 3] = [0, 1, 2].map(|r| slopes[(r, j)]);
+        if by == [0.0; 3] {
+            continue;
+        }
+        let column = &covariance.as_slice()[j * covariance.nrows()..][..covariance.nrows()];
+        for (by, product) in by.iter().zip(&mut products) {
+            for (slot, value) in product.iter_mut().zip(column) {
+                *slot += by * value;
+            }
+        }
+    }
+    Matrix3::from_fn(|r, c| {
+        let terms = slopes.row(r).into_iter().zip(&products[c]);
+        terms.map(|(slope, product)| slope * product).sum()
     })
 }
 

@@ -133,6 +133,11 @@ impl<'a> Model<'a> {
 }
 
 impl Model<'_> {
+    /// At least as many as one pose has rows: lists of that size do not grow.
+    pub(crate) fn row_bound(&self, k: usize) -> usize {
+        2 * self.layout.cables + 8 + 8 * self.data.poses[k].views.len()
+    }
+
     /// Calls `take` with every row of one pose, always in the same order.
     ///
     /// # Errors
@@ -224,7 +229,7 @@ impl Model<'_> {
                     shared: &shared,
                 });
             }
-            self.balance(state, k, paths, &mut take);
+            self.balance(state, k, paths, (&mut own[..], &mut shared), &mut take);
         }
         self.tilt(state, k, &mut own, &mut shared, &mut take);
         self.corners(state, k, &mut own, &mut shared, &mut take)
@@ -270,6 +275,7 @@ impl Model<'_> {
         state: &State,
         k: usize,
         paths: impl Iterator<Item = &'p Path>,
+        (row_own, row_shared): (&mut [f64], &mut Vec<Entry>),
         take: &mut impl FnMut(&Row<'_>),
     ) {
         let (layout, pose) = (&self.layout, &state.poses[k]);
@@ -333,8 +339,6 @@ impl Model<'_> {
             let by_radius = path.turn_by_radius * -tension;
             shared.push((layout.radius(i), [by_radius, u.cross(&by_radius)]));
         }
-        let mut row_own = vec![0.0; layout.local()];
-        let mut row_shared = Vec::with_capacity(shared.len());
         for axis in 0..6 {
             let (block, i) = (axis / 3, axis % 3);
             for (slot, column) in row_own.iter_mut().zip(&own[block]) {
@@ -349,8 +353,8 @@ impl Model<'_> {
             take(&Row {
                 source: Source::Balance(axis),
                 residual: residual[block][i] * weight[block][i],
-                own: &row_own,
-                shared: &row_shared,
+                own: row_own,
+                shared: row_shared,
             });
         }
     }
@@ -396,10 +400,12 @@ impl Model<'_> {
                     // `by_focal` is per change of the present focal length; the unknown is a share
                     // of the stated one.
                     let nominal = self.data.camera.focal_px[axis] / state.camera.focal_px[axis];
-                    shared.push(Entry::new(s + 1, seen.by_focal[axis] * nominal * weight));
-                    shared.push(Entry::new(s + 2 + axis, weight));
-                    shared.push(Entry::new(s + 4, seen.by_k1[axis] * weight));
-                    shared.push(Entry::new(s + 5, by_world.dot(&corner.arm)));
+                    shared.extend([
+                        Entry::new(s + 1, seen.by_focal[axis] * nominal * weight),
+                        Entry::new(s + 2 + axis, weight),
+                        Entry::new(s + 4, seen.by_k1[axis] * weight),
+                        Entry::new(s + 5, by_world.dot(&corner.arm)),
+                    ]);
                     take(&Row {
                         source: Source::Corner(v, c, axis),
                         residual: (seen.pixel[axis] - measured) * weight,

@@ -2,6 +2,7 @@
 
 use super::data::Data;
 use super::error::Refusal;
+use super::leverage::Leverages;
 use super::normal::{Normal, Reduced, Step, Weights};
 use super::rows::{Model, Source, singles};
 use super::unknowns::{Priors, State};
@@ -137,13 +138,13 @@ fn examine(
         leverage: Vec::new(),
         sources: Vec::new(),
     };
-    let products = reduced.leverages(covariance);
+    let mut leverages = Leverages::new(reduced, covariance);
     for k in 0..state.poses.len() {
-        let (mut leverage, mut sources) = (Vec::new(), Vec::new());
+        let rows = model.row_bound(k);
+        let (mut leverage, mut sources) = (Vec::with_capacity(rows), Vec::with_capacity(rows));
         model
             .rows(state, &cables, k, |row| {
-                let found = reduced.leverage(covariance, &products, k, row);
-                leverage.push(found.clamp(0.0, 1.0));
+                leverage.push(leverages.of(k, row).clamp(0.0, 1.0));
                 sources.push(row.source);
             })
             .ok()?;
@@ -156,12 +157,25 @@ fn examine(
 /// Rounds of widening priors and scatter before outliers are sought.
 const WIDENINGS: usize = 40;
 
-/// Leverage of each row and covariance at a descent's end; `None` where either has no value.
-fn weighed(model: &Model<'_>, descent: &Descent<State, Normal>) -> Option<(Rows, DMatrix<f64>)> {
-    let reduced = descent.linear.reduced(0.0)?;
-    let covariance = reduced.covariance()?;
-    let rows = examine(model, &descent.at, &reduced, &covariance)?;
-    Some((rows, covariance))
+/// What is known at a descent's end.
+struct Weighed {
+    reduced: Reduced,
+    covariance: DMatrix<f64>,
+    rows: Rows,
+}
+
+/// The normal equations without the poses, the covariance and each row's leverage at a descent's end.
+fn weighed(model: &Model<'_>, descent: &Descent<State, Normal>) -> Result<Weighed, &'static str> {
+    const SINGULAR: &str = "the normal equations are singular";
+    let reduced = descent.linear.reduced(0.0).ok_or(SINGULAR)?;
+    let covariance = reduced.covariance().ok_or(SINGULAR)?;
+    let rows = examine(model, &descent.at, &reduced, &covariance)
+        .ok_or("the estimate left the robot's domain")?;
+    Ok(Weighed {
+        reduced,
+        covariance,
+        rows,
+    })
 }
 
 /// Source of each row.
@@ -228,10 +242,12 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
         all.fold(0.0_f64, |a, r| a.max(r.abs()))
     };
     // First what machines have in general: outliers are sought in what this does not explain.
+    let mut last = None;
     for _ in 0..WIDENINGS {
-        let Some((rows, covariance)) = weighed(&model, &descent) else {
+        let Ok(found) = weighed(&model, &descent) else {
             break;
         };
+        let (rows, covariance) = (&found.rows, &found.covariance);
         let mut robust = weights.clone();
         let scale = ROBUST.max(2.0 * spread(&descent.linear));
         for (k, list) in robust.iter_mut().enumerate() {
@@ -247,8 +263,8 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
             priors,
             assumed,
         };
-        let mut changed = widening.step(&descent, &rows, &covariance, &robust);
-        if let Some((ratio, count)) = tension_ratio(&descent.linear, &rows, &weights)
+        let mut changed = widening.step(&descent, rows, covariance, &robust);
+        if let Some((ratio, count)) = tension_ratio(&descent.linear, rows, &weights)
             && changed
             && let Some(relative) = wider(&model, ratio, count)
         {
@@ -256,6 +272,8 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
             changed = true;
         }
         if !changed {
+            // Nothing has moved since: without outliers the rounds below begin with the same.
+            last = Some(found);
             break;
         }
         descent = descend(&model, priors, &descent.at, &robust, 8)?;
@@ -264,6 +282,7 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
     if worst(&descent.linear) > REJECT {
         let sources = sources_of(&model, &descent.at)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
+        last = None;
         // Outliers bias the fit: reduce their weight in steps, from a wide loss to a narrow one.
         let mut scale = spread(&descent.linear) * 4.0;
         for _ in 0..14 {
@@ -292,13 +311,15 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
         }
     }
     for round in 0..10 {
-        let reduced = descent.linear.reduced(0.0);
-        let reduced = reduced.ok_or_else(|| unsolved("the normal equations are singular"))?;
-        let covariance = reduced
-            .covariance()
-            .ok_or_else(|| unsolved("the normal equations are singular"))?;
-        let rows = examine(&model, &descent.at, &reduced, &covariance)
-            .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
+        let known = match last.take() {
+            Some(known) => known,
+            None => weighed(&model, &descent).map_err(unsolved)?,
+        };
+        let Weighed {
+            reduced,
+            covariance,
+            rows,
+        } = known;
         let mut settled = true;
         let mut widening = Widening {
             model: &mut model,

@@ -149,7 +149,7 @@ fn calibration(c: &mut Criterion) {
     // With a target time: next to the plain implementation, which takes seconds.
     let cases = [
         ("pixels, one tag, 60 poses", tag, 60, without, Some(3)),
-        ("board, 60 poses, statics", board, 60, all, Some(15)),
+        ("board, 60 poses, statics", board, 60, all, Some(5)),
         ("board, 20 poses, statics", board, 20, all, None),
     ];
     for (name, target, poses, options, aim_ms) in cases {

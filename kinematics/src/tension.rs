@@ -9,6 +9,7 @@
 //! stages; the final set of cables at their limits is then solved exactly. (The problem statement
 //! follows Pott, 2018; the dual Newton method is that of Li and Swetits, 1997.)
 
+mod blocks;
 mod closed;
 mod dual;
 mod pair;
@@ -49,7 +50,21 @@ impl<const N: usize> TensionLimits<N> {
     ///
     /// # Errors
     /// [`Error::InvalidInput`] naming the cable.
+    #[inline]
     pub fn check(&self) -> Result<(), Error> {
+        // All at once first: valid limits, the usual ones, take no branch for each.
+        let valid = |i: usize| {
+            let (lo, hi) = (self.min_n[i], self.max_n[i]);
+            (lo >= 0.0) & (lo <= hi) & (hi < f64::INFINITY)
+        };
+        if (0..N).fold(true, |all, i| all & valid(i)) {
+            return Ok(());
+        }
+        self.name_invalid()
+    }
+
+    #[cold]
+    fn name_invalid(&self) -> Result<(), Error> {
         for i in 0..N {
             let (lo, hi) = (self.min_n[i], self.max_n[i]);
             if !(lo >= 0.0 && lo <= hi && hi.is_finite()) {
@@ -334,6 +349,9 @@ fn unique<const K: usize, const N: usize>(
     Ok(finish(t, limits))
 }
 
+/// A tension is at its limit within this share of the greatest one.
+const NEAR: f64 = 1e-12;
+
 fn finish<const N: usize>(t: [f64; N], limits: &TensionLimits<N>) -> Distribution<N> {
     let mut out = Distribution {
         tensions_n: t,
@@ -342,7 +360,7 @@ fn finish<const N: usize>(t: [f64; N], limits: &TensionLimits<N>) -> Distributio
     for i in 0..N {
         let (lo, hi) = (limits.min_n[i], limits.max_n[i]);
         out.tensions_n[i] = t[i].max(lo).min(hi);
-        if t[i] - lo <= 1e-12 * hi || hi - t[i] <= 1e-12 * hi {
+        if t[i] - lo <= NEAR * hi || hi - t[i] <= NEAR * hi {
             out.at_limit.insert(i);
         }
     }

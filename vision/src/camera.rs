@@ -145,6 +145,7 @@ impl Camera {
     /// assert_eq!(seen.by_point[(0, 2)], -240.0); // -600 px x 0.1 / 0.5^2
     /// assert_eq!(seen.by_focal.x, 120.0); // the distance from the principal point
     /// ```
+    #[inline]
     #[must_use]
     pub fn projection(&self, point_m: &Point3<f64>) -> Option<Projection> {
         if !(point_m.z > 1e-6 && point_m.iter().all(|value| value.is_finite())) {

@@ -5,8 +5,9 @@
 //! half-plane after the other (Seidel, 1991): while the point so far satisfies the next one it stays, else it lies on
 //! that one's border, which is a problem on a line.
 
-use super::{Distribution, TensionLimits, finish, gram, times, transposed_times};
-use crate::linear::{cholesky, cholesky_solve};
+use super::blocks::Normal;
+use super::{Distribution, NEAR, TensionLimits, finish, times, transposed_times};
+use crate::cable_vec::CableSet;
 use crate::math::sqrt;
 
 /// A border counts as parallel to a half-plane below this sine.
@@ -24,20 +25,30 @@ pub(super) fn pair<const K: usize, const N: usize>(
     limits: &TensionLimits<N>,
     target: &[f64; N],
 ) -> Option<Distribution<N>> {
-    let mut normal = gram(a, &[1.0; N]);
-    if !cholesky(&mut normal) {
-        return None;
-    }
+    let normal = Normal::new(a)?;
     // The foot: target + A^T (A A^T)^-1 (load - A target).
     let mut v = times(a, target);
     for k in 0..K {
         v[k] = load[k] - v[k];
     }
-    cholesky_solve(&normal, &mut v);
+    normal.solve(&mut v);
     let lift = transposed_times(a, &v);
     let foot: [f64; N] = core::array::from_fn(|i| target[i] + lift[i]);
-    let inside = |i: usize| foot[i] >= limits.min_n[i] && foot[i] <= limits.max_n[i];
-    if (0..N).all(inside) {
+    // Mostly all are well inside, which takes no branch for each.
+    let (mut inside, mut clear) = (true, true);
+    for i in 0..N {
+        let (low, high) = (limits.min_n[i], limits.max_n[i]);
+        let (above, below, near) = (foot[i] - low, high - foot[i], NEAR * high);
+        inside &= (above >= 0.0) & (below >= 0.0);
+        clear &= (above > near) & (below > near);
+    }
+    if clear {
+        return Some(Distribution {
+            tensions_n: foot,
+            at_limit: CableSet::default(),
+        });
+    }
+    if inside {
         return Some(finish(foot, limits));
     }
     let basis = null_space(a, &normal)?;
@@ -50,17 +61,17 @@ pub(super) fn pair<const K: usize, const N: usize>(
     (0..N).all(held).then(|| finish(t, limits))
 }
 
-/// Two orthonormal vectors with A n = 0, from the inverted-diagonal Cholesky factor of A A^T.
+/// Two orthonormal vectors with A n = 0, from A A^T.
 fn null_space<const K: usize, const N: usize>(
     a: &[[f64; N]; K],
-    normal: &[[f64; K]; K],
+    normal: &Normal<K>,
 ) -> Option<[[f64; N]; 2]> {
     // The part of a vector in the null space, and again: the first time leaves the rounding of A A^T.
     let project = |x: &[f64; N]| -> [f64; N] {
         let mut out = *x;
         for _ in 0..2 {
             let mut v = times(a, &out);
-            cholesky_solve(normal, &mut v);
+            normal.solve(&mut v);
             let lift = transposed_times(a, &v);
             for i in 0..N {
                 out[i] -= lift[i];
