@@ -1,8 +1,7 @@
 //! Rows with the same shared unknowns in all poses, as those of equilibrium: their part of the normal equations is
 //! summed as a dense product, and not entry by entry.
 
-use super::normal::OWN_MAX;
-use super::rows::Row;
+use super::rows::{OWN_MAX, Row};
 use nalgebra::{DMatrix, DMatrixView, Dyn};
 
 /// The rows so far.

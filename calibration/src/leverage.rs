@@ -6,8 +6,8 @@
 //! Rows of one kind have the same shared unknowns, so that their part of V is gathered once for all poses.
 
 use super::alike::turned;
-use super::normal::{OWN_MAX, Reduced};
-use super::rows::Row;
+use super::normal::Reduced;
+use super::rows::{OWN_MAX, Row};
 use nalgebra::DMatrix;
 
 /// What the leverages need, for all rows.

@@ -491,6 +491,3 @@ impl Reduced {
         Some(Scaled::new(&self.information)?.inverse())
     }
 }
-
-/// Most unknowns of one pose.
-pub(super) const OWN_MAX: usize = 6 + mcdpr_kinematics::MAX_CABLES;

@@ -13,6 +13,9 @@ use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
 use nalgebra::{Matrix3, Vector3};
 
+/// Most unknowns of one pose: its place and attitude, and its tensions.
+pub(super) const OWN_MAX: usize = 6 + mcdpr_kinematics::MAX_CABLES;
+
 /// Source of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {

@@ -93,9 +93,9 @@ impl Mismatch {
         self
     }
 
-    /// A machine by its name: a kind ([`Self::kind`]), and after commas groups of its errors with the share of them that
-    /// it has, each from 0 to 1: `as-found,wrench=0.25`. `all` is every group; a later word goes before an earlier
-    /// one, so that `as-found,all=0,wrench=1` has nothing but the wrench.
+    /// A machine by its name: a kind (`realistic`, `as-found` and so on), and after commas groups of its errors with the share of
+    /// them that it has, each from 0 to 1: `as-found,wrench=0.25`. `all` is every group; a later word goes before an
+    /// earlier one, so that `as-found,all=0,wrench=1` has nothing but the wrench.
     ///
     /// # Errors
     /// The word that means nothing.

@@ -236,14 +236,13 @@ impl Rest<'_> {
                 moment_nm
             }
         });
-        let mut first = 0;
-        for k in 0..6 {
-            let (index, row) = rows.lines.push();
+        let first = rows.lines.count();
+        for (k, inverse) in inverse.iter().enumerate() {
+            let (_, row) = rows.lines.push();
             for (slot, slope) in row.iter_mut().zip(statics.by_pose.row(k).iter()) {
-                *slot = slope * inverse[k];
+                *slot = slope * inverse;
             }
-            row[unknowns] = statics.balance[k] * inverse[k];
-            first = index - k;
+            row[unknowns] = statics.balance[k] * inverse;
         }
         for (i, (leg, tension)) in statics.legs.iter().zip(&hanging.tensions_n).enumerate() {
             let pull = leg.wrench(&-leg.direction);
