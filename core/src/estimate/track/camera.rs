@@ -1,7 +1,7 @@
 //! What a picture of tags says of the camera's pose.
 
 use super::lines::Lines;
-use super::rows::{Rest, Rows, Slope, vector};
+use super::rows::{Rest, Rows, vector};
 use mcdpr_kinematics::Pose;
 use nalgebra::{Matrix3, Matrix6, Rotation3, SVector, Vector3};
 
@@ -74,11 +74,7 @@ impl Rest<'_> {
             row[unknowns] = corner[6];
             if with_states {
                 for (k, value) in corner.iter().take(6).enumerate() {
-                    rows.by_state.push(Slope {
-                        row: index,
-                        state: first + k,
-                        value: *value,
-                    });
+                    rows.put(index, first + k, *value);
                 }
             }
         }

@@ -1,7 +1,8 @@
 //! Pose and tensions of a rest, and what is left of its rows without them.
 
 use super::gaussian::{Linear, dot};
-use super::rows::{Hanging, Rest, Rows};
+use super::lines::Lines;
+use super::rows::{Hanging, Rest, Slope};
 use super::statics::geometry;
 use crate::estimate::region::tool_per_pose;
 use nalgebra::{Matrix3, Vector3};
@@ -52,16 +53,21 @@ impl Rest<'_> {
         None
     }
 
+    /// All rows with pose and tensions as a triangle, each followed by its row of the reflections, and the slopes by the states
+    /// as they were before.
+    fn turned(&self, x: &[f64], hanging: &Hanging) -> Option<(Lines, Vec<Slope>)> {
+        let geometry = geometry(self.robot, self.layout(), x)?;
+        let rows = self.rows(&geometry, x, hanging, true)?;
+        let mut turned = rows.lines.with_unit();
+        let full = turned.triangulate(self.unknowns());
+        full.then_some((turned, rows.by_state))
+    }
+
     /// The rows without pose and tensions.
     pub(super) fn linear(&self, x: &[f64], hanging: &Hanging) -> Option<Linear> {
         let unknowns = self.unknowns();
-        let geometry = geometry(self.robot, self.layout(), x)?;
-        let Rows { lines, by_state } = self.rows(&geometry, x, hanging, true)?;
-        let mut turned = lines.with_unit();
-        if !turned.triangulate(unknowns) {
-            return None;
-        }
-        let mut linear = Linear::new(x, lines.count() - unknowns);
+        let (turned, by_state) = self.turned(x, hanging)?;
+        let mut linear = Linear::new(x, turned.count() - unknowns);
         for (index, row) in turned.iter().skip(unknowns).enumerate() {
             linear.residual[index] = row[unknowns];
             let parts = &row[unknowns + 1..];
@@ -79,12 +85,7 @@ impl Rest<'_> {
         hanging: &Hanging,
     ) -> Option<([Vec<f64>; 3], Matrix3<f64>)> {
         let unknowns = self.unknowns();
-        let geometry = geometry(self.robot, self.layout(), x)?;
-        let Rows { lines, by_state } = self.rows(&geometry, x, hanging, true)?;
-        let mut turned = lines.with_unit();
-        if !turned.triangulate(unknowns) {
-            return None;
-        }
+        let (turned, by_state) = self.turned(x, hanging)?;
         let arm = hanging.pose.rotation * self.robot.tool.tcp_in_platform_m;
         let by_twist = tool_per_pose(&arm);
         let size = self.layout().size();
@@ -93,7 +94,7 @@ impl Rest<'_> {
         // Row by row of the inverse of the triangle: tool = -T inverse (residual + H x + noise).
         for (axis, slope) in slopes.iter_mut().enumerate() {
             let mut weights = vec![0.0; unknowns];
-            let mut by_row = vec![0.0; lines.count()];
+            let mut by_row = vec![0.0; turned.count()];
             for k in 0..unknowns {
                 let own = if k < 6 { by_twist[(axis, k)] } else { 0.0 };
                 let before: f64 = (0..k).map(|j| weights[j] * turned.row(j)[k]).sum();

@@ -40,12 +40,25 @@ mod tests {
     use super::*;
     use crate::estimate::Measurements;
     use crate::robot::Robot;
+    use mcdpr_kinematics::Pose;
     use nalgebra::Vector3;
 
     fn layout(robot: &Robot) -> Layout {
         Layout {
             cables: robot.cables.len(),
         }
+    }
+
+    /// A robot with cables to spare, what its encoders and sensors show at home, and how it hangs there.
+    fn at_home() -> (Model, Measurements, Pose) {
+        let model = Model::new(&Robot::built_in("eight-cable").unwrap()).unwrap();
+        let rest = model.rest_at_home().unwrap();
+        let commanded = Measurements {
+            lengths_m: rest.paid_out_m.clone(),
+            tensions_n: rest.tensions_n().to_vec(),
+            ..Measurements::default()
+        };
+        (model, commanded, rest.equilibrium.pose)
     }
 
     #[test]
@@ -82,14 +95,7 @@ mod tests {
 
     #[test]
     fn a_homed_robot_knows_where_it_is_at_home_whatever_its_cables_are() {
-        let robot = Robot::built_in("eight-cable").unwrap();
-        let model = Model::new(&robot).unwrap();
-        let rest = model.rest_at_home().unwrap();
-        let commanded = Measurements {
-            lengths_m: rest.paid_out_m.clone(),
-            tensions_n: rest.tensions_n().to_vec(),
-            ..Measurements::default()
-        };
+        let (model, commanded, pose) = at_home();
         let spread_m = |homed: bool, compliance: f64, anchor_m: f64| {
             let prior = Prior {
                 homed,
@@ -98,7 +104,7 @@ mod tests {
                 ..Prior::default()
             };
             let tracker = Tracker::new(&model, &prior);
-            let region = tracker.region(&commanded, &[0.0; 8], &rest.equilibrium.pose);
+            let region = tracker.region(&commanded, &[0.0; 8], &pose);
             region.unwrap().covariance_m2.trace().sqrt()
         };
         let exact = spread_m(true, 0.0, 0.0);
@@ -108,31 +114,25 @@ mod tests {
             "{exact} {homed} {free}"
         );
     }
+
     #[test]
     fn a_homing_puts_the_robot_home_whatever_its_cables_are_known_to_be() {
-        let robot = Robot::built_in("eight-cable").unwrap();
-        let model = Model::new(&robot).unwrap();
-        let rest = model.rest_at_home().unwrap();
-        let commanded = Measurements {
-            lengths_m: rest.paid_out_m.clone(),
-            tensions_n: rest.tensions_n().to_vec(),
-            ..Measurements::default()
-        };
+        let (model, commanded, pose) = at_home();
         let prior = Prior {
             homed: true,
             ..Prior::default()
         };
         let mut tracker = Tracker::new(&model, &prior);
-        let layout = layout(&robot);
+        let layout = layout(model.robot());
         // Cables have become soft since, and are known as well as before.
         for cable in 0..8 {
             tracker.now.mean[layout.compliance(cable)] = 0.1;
             tracker.now.reset(layout.offset(cable), 0.0, 1e-3);
         }
         let region = |tracker: &Tracker| {
-            let there = tracker.region(&commanded, &[0.0; 8], &rest.equilibrium.pose);
+            let there = tracker.region(&commanded, &[0.0; 8], &pose);
             let there = there.unwrap();
-            let off_m = (there.tool_m - robot.tool.home_in_world_m).norm();
+            let off_m = (there.tool_m - model.robot().tool.home_in_world_m).norm();
             (off_m, there.covariance_m2.trace().sqrt())
         };
         let (before, at_first) = (region(&tracker), region(&Tracker::new(&model, &prior)));

@@ -77,6 +77,13 @@ pub(super) struct Rows {
     pub(super) by_state: Vec<Slope>,
 }
 
+impl Rows {
+    /// Notes a slope of a row by a state.
+    pub(super) fn put(&mut self, row: usize, state: usize, value: f64) {
+        self.by_state.push(Slope { row, state, value });
+    }
+}
+
 impl Rest<'_> {
     pub(super) fn layout(&self) -> Layout {
         Layout {
@@ -155,13 +162,7 @@ impl Rest<'_> {
         let total = leg.length_m + cable.routing_length_m;
         row[unknowns] = (total - grown * elastic - extra * tension) * inverse;
         if with_states {
-            let mut put = |state: usize, value: f64| {
-                rows.by_state.push(Slope {
-                    row: index,
-                    state,
-                    value,
-                })
-            };
+            let mut put = |state: usize, value: f64| rows.put(index, state, value);
             put(layout.offset(i), -(1.0 + creep) * elastic * inverse);
             for element in 0..2 {
                 put(layout.creep(i, element), -off_drum * elastic * inverse);
@@ -204,13 +205,7 @@ impl Rest<'_> {
         row[6 + i] = rubbed * (1.0 + gain) * inverse;
         row[unknowns] = (tension * rubbed * (1.0 + gain) + at(layout.zero(i)) - read) * inverse;
         if with_states {
-            let mut put = |state: usize, value: f64| {
-                rows.by_state.push(Slope {
-                    row: index,
-                    state,
-                    value,
-                })
-            };
+            let mut put = |state: usize, value: f64| rows.put(index, state, value);
             put(layout.zero(i), inverse);
             put(layout.gain(i), tension * rubbed * inverse);
             put(layout.loss(), tension * side * (1.0 + gain) * inverse);
@@ -254,11 +249,7 @@ impl Rest<'_> {
                 let turned: Vector3<f64> = leg.bend_per_m.column(axis) * *tension;
                 let pull = leg.wrench(&turned);
                 for k in 0..6 {
-                    rows.by_state.push(Slope {
-                        row: first + k,
-                        state: layout.anchor(i) + axis,
-                        value: pull[k] * inverse[k],
-                    });
+                    rows.put(first + k, layout.anchor(i) + axis, pull[k] * inverse[k]);
                 }
             }
         }
@@ -266,19 +257,11 @@ impl Rest<'_> {
             return;
         }
         for mass in [layout.platform(), layout.payload()] {
-            rows.by_state.push(Slope {
-                row: first + 2,
-                state: mass,
-                value: WEIGHT.z * inverse[2],
-            });
+            rows.put(first + 2, mass, WEIGHT.z * inverse[2]);
             for axis in 0..3 {
                 let by = moment_by_mass(&hanging.pose.rotation, axis);
                 for k in 0..3 {
-                    rows.by_state.push(Slope {
-                        row: first + 3 + k,
-                        state: mass + 1 + axis,
-                        value: by[k] * inverse[3 + k],
-                    });
+                    rows.put(first + 3 + k, mass + 1 + axis, by[k] * inverse[3 + k]);
                 }
             }
         }
