@@ -357,3 +357,27 @@ pub(crate) fn wrong_size(data: &Data, scale: f64) -> Refusal {
         ),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Options;
+    use super::super::joint::joint;
+    use super::super::simulate::{Setup, simulate};
+
+    #[test]
+    fn a_refusal_names_the_cable_whose_readings_fit_nothing() {
+        let (mut data, _) = simulate(&Setup::default()).unwrap();
+        for (k, pose) in data.poses.iter_mut().enumerate() {
+            // Neither a gain nor a zero: it shows what it likes.
+            pose.tension_n.as_mut().unwrap()[1] *= [3.0, 0.2, 1.0, 0.5][k % 4];
+        }
+        let told = match joint(&data, &Options::default()) {
+            Ok(answer) => answer.warnings.join("\n"),
+            Err(refusal) => refusal.to_string(),
+        };
+        assert!(
+            told.contains("cable 2's tension contributes most"),
+            "{told}"
+        );
+    }
+}

@@ -279,10 +279,10 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
         descent = descend(&model, priors, &descent.at, &robust, 8)?;
         iterations += descent.steps;
     }
-    if worst(&descent.linear) > REJECT {
+    let outliers = worst(&descent.linear) > REJECT;
+    if outliers {
         let sources = sources_of(&model, &descent.at)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
-        last = None;
         // Outliers bias the fit: reduce their weight in steps, from a wide loss to a narrow one.
         let mut scale = spread(&descent.linear) * 4.0;
         for _ in 0..14 {
@@ -310,8 +310,10 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
             }
         }
     }
+    // What was known before outliers lost their weight is of another minimum.
+    let mut known = last.filter(|_| !outliers);
     for round in 0..10 {
-        let known = match last.take() {
+        let known = match known.take() {
             Some(known) => known,
             None => weighed(&model, &descent).map_err(unsolved)?,
         };
