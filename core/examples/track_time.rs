@@ -3,7 +3,7 @@
 //! `cargo run --release -p mcdpr-core --example track_time`
 
 use mcdpr_core::estimate::Measurements;
-use mcdpr_core::estimate::track::{Prior, Tracker};
+use mcdpr_core::estimate::track::{Prior, Rubbing, Tracker};
 use mcdpr_core::motion::Model;
 use nalgebra::Vector3;
 use std::time::Instant;
@@ -37,8 +37,12 @@ fn main() {
                 ..Measurements::default()
             };
             tracker.pass(1.0, rest.tensions_n());
-            let hauled = vec![0.0; count];
-            std::hint::black_box(tracker.rest(&measured, &hauled, &rest.equilibrium.pose));
+            let friction = Rubbing {
+                side: 0.0,
+                unsure: 0.3,
+            };
+            let rubbing = vec![friction; count];
+            std::hint::black_box(tracker.rest(&measured, &rubbing, &rest.equilibrium.pose));
         }
         let track_us = began.elapsed().as_secs_f64() * 1e6 / f64::from(UPDATES);
         println!("{name}: {track_us:.0} us per update, {plan_us:.0} us per equilibrium of a plan");

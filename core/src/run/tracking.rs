@@ -242,7 +242,7 @@ impl Tracking {
         let by_encoders = || Pulleys::by_encoders(robot, &rest.lengths_m, &rest.tensions_n);
         let pulleys = self.pulleys.get_or_insert_with(by_encoders);
         pulleys.turn(robot, &rest.lengths_m, &rest.tensions_n);
-        let hauled = pulleys.hauled().to_vec();
+        let rubbing = pulleys.rubbing();
         let ticks: Vec<Ticked<'_>> = rest.ticks.iter().map(ticked).collect();
         self.frictions.rested(&self.described, &ticks, seconds);
         let tags = rest.views.len();
@@ -257,7 +257,7 @@ impl Tracking {
             at.ok().map(|at| model.tool_m(&at))
         };
         let before_m = tool_m(&self.planner);
-        let report = self.tracker.rest(&measured, &hauled, near);
+        let report = self.tracker.rest(&measured, &rubbing, near);
         self.planner = self.follow()?;
         let after_m = tool_m(&self.planner);
         let step_mm = before_m

@@ -321,9 +321,7 @@ impl Cmd {
                 say!("state of {} in use, kept {}", robot.name, kept.date);
                 super::write_out(&lay_out(&rows(state)));
                 say!(
-                    "pulley loss {:.1} % (sd {:.1}), platform {:+.0} g (sd {:.0})",
-                    state.pulley_loss.value * 1e2,
-                    state.pulley_loss.sigma * 1e2,
+                    "platform {:+.0} g (sd {:.0})",
                     state.mass_kg.value * 1e3,
                     state.mass_kg.sigma * 1e3
                 );
@@ -373,6 +371,7 @@ fn rows(state: &Estimates) -> Vec<Vec<String>> {
         "stiffness, %",
         "sensor gain, %",
         "sensor zero, N",
+        "pulley loss, %",
     ];
     let mut table = vec![head.map(str::to_owned).to_vec()];
     let cell = |known: &Known, factor: f64| {
@@ -397,6 +396,7 @@ fn rows(state: &Estimates) -> Vec<Vec<String>> {
             cell(&cable.stiffness, 1e2),
             cell(&cable.sensor_gain, 1e2),
             cell(&cable.sensor_zero_n, 1.0),
+            cell(&cable.pulley_loss, 1e2),
         ]);
     }
     table

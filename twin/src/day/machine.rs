@@ -10,8 +10,9 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 /// Noise of a corner, mean of the pictures of one look, px: 0.1 px in thirty pictures leave 0.02, and
 /// the detector's own bias from place to place 0.04.
 pub(super) const CORNER_PX: f64 = 0.05;
-/// Noise of a tension, mean over a second, N: 0.05 N per reading, neighbouring readings alike.
+/// Noise of a tension, N: mean over a second (neighbouring readings are alike), and of one reading.
 const TENSION_N: f64 = 0.01;
+const READING_N: f64 = 0.05;
 /// Side and distance of the mat's tags, m.
 const TAG_M: f64 = 0.08;
 const PITCH_M: f64 = 0.11;
@@ -23,6 +24,13 @@ pub(super) enum Knock {
     Anchor(usize, [f64; 3]),
     /// The camera: shift, m, and turn, rad, in its own frame.
     Camera([f64; 3], [f64; 3]),
+}
+
+/// What encoders (as drum displacement, m) and tension sensors (N) show at one moment.
+#[derive(Debug)]
+pub(super) struct Sensed {
+    pub(super) encoders_m: Vec<f64>,
+    pub(super) readings_n: Vec<f64>,
 }
 
 /// The machine.
@@ -195,11 +203,16 @@ impl Machine {
         self.drift[cable].zero_n(self.seconds)
     }
 
-    /// Lets the winches go to these drum displacements (m), or sensor readings (N) where a tension is held.
+    /// Lets the winches go to these drum displacements (m), or sensor readings (N) where a tension is held. What the sensors
+    /// show on the way, as telemetry would.
     ///
     /// # Errors
     /// Where the platform does not hang.
-    pub(super) fn go(&mut self, drums_m: &[f64], readings_n: &[f64]) -> Result<(), PlantError> {
+    pub(super) fn go(
+        &mut self,
+        drums_m: &[f64],
+        readings_n: &[f64],
+    ) -> Result<Vec<Sensed>, PlantError> {
         let holds: Vec<DayHold> = (0..self.held.len())
             .map(|i| {
                 if self.held[i] {
@@ -210,7 +223,19 @@ impl Machine {
                 }
             })
             .collect();
-        self.plant.rest(&holds)
+        let mut states = Vec::new();
+        self.plant
+            .rest_by_way_of(&holds, &mut |plant| states.push(plant.state()))?;
+        let mut way = Vec::with_capacity(states.len());
+        for state in &states {
+            way.push(Sensed {
+                encoders_m: self.counted_m(state),
+                readings_n: (0..self.held.len())
+                    .map(|i| self.read_n(state, i) + READING_N * self.random.normal())
+                    .collect(),
+            });
+        }
+        Ok(way)
     }
 
     /// Lets a second or more pass.
@@ -221,7 +246,10 @@ impl Machine {
 
     /// What the encoders show, as drum displacement, m.
     pub(super) fn encoders_m(&self) -> Vec<f64> {
-        let state = self.plant.state();
+        self.counted_m(&self.plant.state())
+    }
+
+    fn counted_m(&self, state: &DayState) -> Vec<f64> {
         (0..self.held.len())
             .map(|i| {
                 let (per_m, phase) = (self.counts_per_m[i], self.phase[i]);
@@ -234,11 +262,13 @@ impl Machine {
     pub(super) fn readings_n(&mut self) -> Vec<f64> {
         let state = self.plant.state();
         (0..self.held.len())
-            .map(|i| {
-                let true_n = state.tensions_winch_n[i];
-                true_n * self.sensor_gain[i] + self.zero_n(i) + TENSION_N * self.random.normal()
-            })
+            .map(|i| self.read_n(&state, i) + TENSION_N * self.random.normal())
             .collect()
+    }
+
+    /// What a sensor shows without noise, N.
+    fn read_n(&self, state: &DayState, cable: usize) -> f64 {
+        state.tensions_winch_n[cable] * self.sensor_gain[cable] + self.zero_n(cable)
     }
 
     pub(super) fn carry(&mut self, load: Option<&Payload>) -> Result<(), PlantError> {

@@ -1,8 +1,9 @@
 //! The robot's side of a day: plans and what it tracks. It sees counts, tensions and pictures only.
 
+use super::machine::Sensed;
 use super::work::DayError;
 use mcdpr_core::estimate::Measurements;
-use mcdpr_core::estimate::track::{Prior, Pulleys, Region, Report, Tracker};
+use mcdpr_core::estimate::track::{Prior, Pulleys, Region, Report, Rubbing, Tracker};
 use mcdpr_core::motion::{Model, PlanError, StaticState};
 use mcdpr_core::robot::TagPlace;
 use mcdpr_core::sight::TagView;
@@ -24,7 +25,7 @@ pub(super) struct Side {
     zero_m: Vec<f64>,
     rest: StaticState,
     /// Friction of the pulleys at the end of the planned way.
-    hauled: Vec<f64>,
+    rubbing: Vec<Rubbing>,
     /// The same when the winches were last at rest: where the next way begins.
     pulleys: Pulleys,
     /// Measured less planned tensions, N, and lengths, m: a load that no plan knows yet, and what the
@@ -49,18 +50,19 @@ impl Side {
     ) -> Self {
         let zero_m: Vec<f64> = lengths_m.iter().zip(drums_m).map(|(l, d)| l - d).collect();
         let count = zero_m.len();
+        let pulleys = Pulleys::new(model.robot(), lengths_m, rest.tensions_n());
         Self {
             tracker: tracked.then(|| Tracker::new(model, &Prior::default())),
             model: model.clone(),
             paid_out_m: lengths_m.to_vec(),
-            pulleys: Pulleys::new(model.robot(), lengths_m, rest.tensions_n()),
+            rubbing: pulleys.rubbing(),
+            pulleys,
             command: Command {
                 drums_m: drums_m.to_vec(),
                 readings_n: rest.tensions_n().to_vec(),
             },
             zero_m,
             rest,
-            hauled: vec![0.0; count],
             unplanned_n: vec![0.0; count],
             unplanned_m: vec![0.0; count],
             place,
@@ -80,15 +82,15 @@ impl Side {
         let mut paid_out_m = rest.paid_out_m.clone();
         if let Some(tracker) = &self.tracker {
             // Twice: the way decides the pulleys' friction, and that, a little, the lengths.
-            paid_out_m = tracker.paid_out_m(&rest, &self.hauled);
-            self.hauled = self.rubbed(&paid_out_m, &felt_n);
-            paid_out_m = tracker.paid_out_m(&rest, &self.hauled);
+            paid_out_m = tracker.paid_out_m(&rest, &self.rubbing);
+            self.rubbing = self.rubbing_after(&paid_out_m, &felt_n);
+            paid_out_m = tracker.paid_out_m(&rest, &self.rubbing);
         }
-        self.hauled = self.rubbed(&paid_out_m, &felt_n);
-        let tensions = rest.tensions_n().iter().zip(&self.hauled).enumerate();
+        self.rubbing = self.rubbing_after(&paid_out_m, &felt_n);
+        let tensions = rest.tensions_n().iter().zip(&self.rubbing).enumerate();
         let readings_n = tensions
-            .map(|(i, (tension_n, hauled))| match &self.tracker {
-                Some(tracker) => tracker.reading_n(i, *tension_n, *hauled),
+            .map(|(i, (tension_n, rubbing))| match &self.tracker {
+                Some(tracker) => tracker.reading_n(i, *tension_n, *rubbing),
                 None => *tension_n,
             })
             .collect();
@@ -106,13 +108,20 @@ impl Side {
         Ok(self.command.clone())
     }
 
-    /// The way is done, and the encoders show these drum displacements, m, the sensors these tensions, N.
-    pub(super) fn feel(&mut self, encoders_m: &[f64], readings_n: &[f64]) {
+    /// The way is done, and the encoders show these drum displacements, m, the sensors these tensions, N: means of the rest
+    /// after what they showed on the way.
+    pub(super) fn feel(&mut self, way: &[Sensed], encoders_m: &[f64], readings_n: &[f64]) {
+        for seen in way {
+            let pairs = seen.encoders_m.iter().zip(&self.zero_m);
+            let lengths_m: Vec<f64> = pairs.map(|(drum, zero)| drum + zero).collect();
+            self.pulleys
+                .turn(self.model.robot(), &lengths_m, &seen.readings_n);
+        }
         let pairs = encoders_m.iter().zip(&self.zero_m);
         let lengths_m: Vec<f64> = pairs.map(|(drum, zero)| drum + zero).collect();
         let robot = self.model.robot();
         self.pulleys.turn(robot, &lengths_m, readings_n);
-        self.hauled = self.pulleys.hauled().to_vec();
+        self.rubbing = self.pulleys.rubbing();
         let pairs = lengths_m.iter().zip(&self.paid_out_m);
         self.unplanned_m = pairs.map(|(read, planned)| read - planned).collect();
         let pairs = readings_n.iter().zip(self.rest.tensions_n());
@@ -120,7 +129,7 @@ impl Side {
     }
 
     /// Dahl's friction after a way, as the robot takes it.
-    fn rubbed(&self, planned_m: &[f64], tensions_n: &[f64]) -> Vec<f64> {
+    fn rubbing_after(&self, planned_m: &[f64], tensions_n: &[f64]) -> Vec<Rubbing> {
         let pairs = planned_m.iter().zip(&self.unplanned_m);
         let paid_out_m: Vec<f64> = pairs.map(|(planned, more)| planned + more).collect();
         self.pulleys
@@ -167,7 +176,7 @@ impl Side {
             },
             views,
         };
-        let report = tracker.rest(&measured, &self.hauled, &self.rest.equilibrium.pose);
+        let report = tracker.rest(&measured, &self.rubbing, &self.rest.equilibrium.pose);
         self.replan()?;
         Ok(Some(report))
     }
@@ -210,6 +219,6 @@ impl Side {
                 .collect(),
             ..Measurements::default()
         };
-        tracker.region(&commanded, &self.hauled, &self.rest.equilibrium.pose)
+        tracker.region(&commanded, &self.rubbing, &self.rest.equilibrium.pose)
     }
 }

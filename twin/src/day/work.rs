@@ -375,10 +375,10 @@ impl Running<'_> {
     /// One second of motion or rest, and its judgement.
     fn step(&mut self, to: &Vector3<f64>) -> Result<(), DayError> {
         let command = self.side.go(to)?;
-        self.machine.go(&command.drums_m, &command.readings_n)?;
+        let way = self.machine.go(&command.drums_m, &command.readings_n)?;
         let readings_n = self.machine.readings_n();
         let encoders_m = self.machine.encoders_m();
-        self.side.feel(&encoders_m, &readings_n);
+        self.side.feel(&way, &encoders_m, &readings_n);
         self.tool_m = *to;
         self.machine.pass(SAMPLE_S);
         self.side.pass(SAMPLE_S);

@@ -81,6 +81,7 @@ impl AfterHours {
         for cable in &mut params.cables {
             // The robot's side takes the nominal travel: pulleys differ.
             cable.pulley_presliding_m *= 1.0 + random.within(0.3);
+            cable.pulley_loss *= 1.0 + random.within(0.3);
         }
         let count = params.cables.len() as f64;
         let mut center_m = [0.0; 3];

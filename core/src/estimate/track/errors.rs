@@ -26,7 +26,7 @@ impl Tracker {
         let lacks: Vec<f64> = (later.now.mean.iter().zip(&later.planned))
             .enumerate()
             .map(|(state, (mean, planned))| {
-                if state == self.layout.loss() {
+                if (0..errors.cables).any(|i| state == self.layout.loss(i)) {
                     *mean
                 } else {
                     mean - planned
@@ -87,6 +87,7 @@ impl Tracker {
             rows.push((errors.compliance(i), row(&[(layout.compliance(i), 1.0)])));
             rows.push((errors.gain(i), row(&[(layout.gain(i), 1.0)])));
             rows.push((errors.zero(i), row(&[(layout.zero(i), 1.0)])));
+            rows.push((errors.loss(i), row(&[(layout.loss(i), 1.0)])));
         }
         let masses = [layout.platform(), layout.payload()];
         rows.push((errors.mass(), row(&masses.map(|state| (state, 1.0)))));
@@ -100,7 +101,6 @@ impl Tracker {
             });
             rows.push((errors.center() + axis, row(moved.as_flattened())));
         }
-        rows.push((errors.loss(), row(&[(layout.loss(), 1.0)])));
         rows
     }
 }

@@ -29,6 +29,8 @@ pub struct CableEstimate {
     pub sensor_gain: Known,
     /// What the tension sensor shows without tension, N.
     pub sensor_zero_n: Known,
+    /// Share of tension lost over the pulley.
+    pub pulley_loss: Known,
 }
 
 /// What is known of a robot, relative to its description.
@@ -36,8 +38,6 @@ pub struct CableEstimate {
 pub struct Estimates {
     /// Each cable.
     pub cables: Vec<CableEstimate>,
-    /// Share of tension lost over a pulley.
-    pub pulley_loss: Known,
     /// Error of the platform's mass, kg.
     pub mass_kg: Known,
     /// Displacement of the camera on its bracket, camera frame, m.
@@ -82,11 +82,11 @@ impl Tracker {
                 },
                 sensor_gain: known(layout.gain(i), prior.gain),
                 sensor_zero_n: known(layout.zero(i), prior.zero_n),
+                pulley_loss: known(layout.loss(i), prior.loss[1]),
             }
         };
         Estimates {
             cables: (0..layout.cables).map(cable).collect(),
-            pulley_loss: known(layout.loss(), prior.loss[1]),
             mass_kg: known(layout.platform(), prior.mass * self.robot.platform.mass_kg),
             camera_m: [0, 1, 2].map(|axis| known(layout.camera() + axis, prior.camera[0])),
         }

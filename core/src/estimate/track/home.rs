@@ -37,6 +37,7 @@ pub(super) fn slopes(model: &Model, layout: Layout) -> Vec<Follows> {
 #[cfg(test)]
 mod tests {
     use super::super::{Prior, Tracker};
+    use super::super::tests::all_rub;
     use super::*;
     use crate::estimate::Measurements;
     use crate::robot::Robot;
@@ -104,7 +105,7 @@ mod tests {
                 ..Prior::default()
             };
             let tracker = Tracker::new(&model, &prior);
-            let region = tracker.region(&commanded, &[0.0; 8], &pose);
+            let region = tracker.region(&commanded, &all_rub(&model, 0.0), &pose);
             region.unwrap().covariance_m2.trace().sqrt()
         };
         let exact = spread_m(true, 0.0, 0.0);
@@ -130,7 +131,7 @@ mod tests {
             tracker.now.reset(layout.offset(cable), 0.0, 1e-3);
         }
         let region = |tracker: &Tracker| {
-            let there = tracker.region(&commanded, &[0.0; 8], &pose);
+            let there = tracker.region(&commanded, &all_rub(&model, 0.0), &pose);
             let there = there.unwrap();
             let off_m = (there.tool_m - model.robot().tool.home_in_world_m).norm();
             (off_m, there.covariance_m2.trace().sqrt())

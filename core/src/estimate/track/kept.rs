@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Name of the format.
-const SCHEMA: &str = "mcdpr-tracked-1";
+const SCHEMA: &str = "mcdpr-tracked-2";
 
 /// The states of a tracker, to be kept in a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -152,6 +152,7 @@ impl Tracker {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::all_rub;
     use super::*;
     use crate::estimate::Measurements;
     use crate::motion::StaticState;
@@ -174,7 +175,7 @@ mod tests {
         let model = model("lab-fast");
         let mut tracker = Tracker::new(&model, &Prior::default());
         let (measured, rest) = rest(&model);
-        let report = tracker.rest(&measured, &[0.0; 4], &rest.equilibrium.pose);
+        let report = tracker.rest(&measured, &all_rub(&model, 0.0), &rest.equilibrium.pose);
         assert!(report.fits, "{report:?}");
         (model, tracker)
     }
@@ -195,7 +196,7 @@ mod tests {
         let (measured, rest) = rest(&model);
         for tracker in [&mut tracker, &mut resumed] {
             tracker.pass(60.0, rest.tensions_n());
-            tracker.rest(&measured, &[0.0; 4], &rest.equilibrium.pose);
+            tracker.rest(&measured, &all_rub(&model, 0.0), &rest.equilibrium.pose);
         }
         assert_eq!(resumed.estimates(&prior), tracker.estimates(&prior));
         assert_eq!(resumed.drift(), tracker.drift());

@@ -3,6 +3,7 @@
 
 use super::gaussian::{Fit, Gaussian};
 use super::layout::Layout;
+use super::pulleys::Rubbing;
 use super::rows::vector;
 use super::{DOUBT_SIGMAS, Tracker};
 use crate::estimate::Measurements;
@@ -65,7 +66,7 @@ impl Named {
 #[derive(Debug, Clone)]
 pub(super) struct Pending {
     pub(super) measured: Measurements,
-    pub(super) hauled: Vec<f64>,
+    pub(super) rubbing: Vec<Rubbing>,
     pub(super) near: Pose,
 }
 

@@ -1,9 +1,9 @@
 //! The slow states and where they stand in the vector.
 
 /// Slow states of one cable.
-pub(super) const PER_CABLE: usize = 11;
+pub(super) const PER_CABLE: usize = 12;
 /// Slow states that all cables share.
-const SHARED: usize = 15;
+const SHARED: usize = 14;
 
 /// Positions of the states of a robot with some number of cables.
 #[derive(Debug, Clone, Copy)]
@@ -51,27 +51,27 @@ impl Layout {
         cable * PER_CABLE + 9 + element
     }
 
+    /// Share of tension lost over the pulley.
+    pub(super) const fn loss(self, cable: usize) -> usize {
+        cable * PER_CABLE + 11
+    }
+
     const fn shared(self) -> usize {
         self.cables * PER_CABLE
     }
 
-    /// Share of tension lost over a pulley.
-    pub(super) const fn loss(self) -> usize {
-        self.shared()
-    }
-
     /// Error of the platform's mass (kg), and the next three of its moment: mass times centre, kg m.
     pub(super) const fn platform(self) -> usize {
-        self.shared() + 1
+        self.shared()
     }
 
     /// Mass of the payload (kg), and the next three its moment: mass times centre, kg m.
     pub(super) const fn payload(self) -> usize {
-        self.shared() + 5
+        self.shared() + 4
     }
 
     /// First of six: how far the camera is off its mounting, a shift (m) and a turn (rad), camera frame.
     pub(super) const fn camera(self) -> usize {
-        self.shared() + 9
+        self.shared() + 8
     }
 }

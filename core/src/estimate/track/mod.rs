@@ -41,7 +41,7 @@ use layout::Layout;
 use mcdpr_kinematics::Pose;
 use nalgebra::Matrix3;
 pub use prior::Prior;
-pub use pulleys::Pulleys;
+pub use pulleys::{Pulleys, Rubbing};
 pub use report::{Load, Region, Report};
 pub use rows::RowSigmas;
 use rows::{Hanging, Rest};
@@ -93,6 +93,7 @@ impl Tracker {
             put(layout.zero(i), 0.0, prior.zero_n);
             put(layout.gain(i), 0.0, prior.gain);
             put(layout.compliance(i), 0.0, prior.compliance);
+            put(layout.loss(i), prior.loss[0], prior.loss[1]);
             for axis in 0..3 {
                 put(layout.anchor(i) + axis, 0.0, prior.anchor_m);
             }
@@ -102,7 +103,6 @@ impl Tracker {
                 put(layout.creep_ratio(i, element), value, sigma);
             }
         }
-        put(layout.loss(), prior.loss[0], prior.loss[1]);
         let mass_kg = robot.platform.mass_kg;
         put(layout.platform(), 0.0, prior.mass * mass_kg);
         for axis in 0..3 {
@@ -160,12 +160,12 @@ impl Tracker {
         }
     }
 
-    /// Takes a rest into account. `hauled`: for each pulley 1 if its cable was hauled in last, -1 if paid
-    /// out, between while its friction turns. `near`: about how the platform hangs.
-    pub fn rest(&mut self, measured: &Measurements, hauled: &[f64], near: &Pose) -> Report {
+    /// Takes a rest into account. `rubbing`: the friction of each pulley. `near`: about
+    /// how the platform hangs.
+    pub fn rest(&mut self, measured: &Measurements, rubbing: &[Rubbing], near: &Pose) -> Report {
         let look = Pending {
             measured: measured.clone(),
-            hauled: hauled.to_vec(),
+            rubbing: rubbing.to_vec(),
             near: *near,
         };
         let Some((next, fit)) = self.taken(&self.now, &look) else {
@@ -180,7 +180,7 @@ impl Tracker {
         self.pending
             .retain(|waiting| blind && !waiting.measured.views.is_empty());
         self.now = next;
-        self.follow(measured, hauled, near);
+        self.follow(measured, rubbing, near);
         Report {
             fits: true,
             doubt,
@@ -195,7 +195,7 @@ impl Tracker {
         if let Some(next) = next {
             if let Some(last) = self.pending.last().cloned() {
                 self.now = next;
-                self.follow(&last.measured, &last.hauled, &last.near);
+                self.follow(&last.measured, &last.rubbing, &last.near);
             }
             self.pending.clear();
         }
@@ -216,7 +216,7 @@ impl Tracker {
             robot: &self.robot,
             sigmas: &self.prior.rows,
             measured: &look.measured,
-            hauled: &look.hauled,
+            rubbing: &look.rubbing,
             every_tension: true,
         };
         let mut hanging = Hanging {
@@ -267,8 +267,8 @@ impl Tracker {
     /// Where the tool is, or will be, under these lengths and tensions of the tension-held cables; those
     /// of the others are a guess. `None` where the platform does not hang.
     #[must_use]
-    pub fn region(&self, commanded: &Measurements, hauled: &[f64], near: &Pose) -> Option<Region> {
-        let (slopes, (hanging, noise)) = self.slopes(commanded, hauled, near)?;
+    pub fn region(&self, commanded: &Measurements, rubbing: &[Rubbing], near: &Pose) -> Option<Region> {
+        let (slopes, (hanging, noise)) = self.slopes(commanded, rubbing, near)?;
         let spread = self.now.spread(&slopes);
         let covariance = Matrix3::from_fn(|i, j| spread[i][j]);
         Some(Region {

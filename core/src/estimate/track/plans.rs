@@ -1,5 +1,6 @@
 //! What plans take from the tracked states: they follow in small steps.
 
+use super::pulleys::Rubbing;
 use super::rows::{Hanging, Rest, vector};
 use super::{Tracker, gaussian};
 use crate::estimate::Measurements;
@@ -14,7 +15,7 @@ pub(super) type Slopes = ([Vec<f64>; 3], (Hanging, Matrix3<f64>));
 impl Tracker {
     /// Lets the planned states follow the tracked ones, the tool's shift within its bound. A payload is
     /// used at once: it is not a drift.
-    pub(super) fn follow(&mut self, measured: &Measurements, hauled: &[f64], near: &Pose) {
+    pub(super) fn follow(&mut self, measured: &Measurements, rubbing: &[Rubbing], near: &Pose) {
         let payload = self.layout.payload();
         for k in payload..payload + 4 {
             self.planned[k] = self.now.mean[k];
@@ -27,7 +28,7 @@ impl Tracker {
             .map(|(now, planned)| now - planned)
             .collect();
         let shift_m = self
-            .slopes(measured, hauled, near)
+            .slopes(measured, rubbing, near)
             .map_or(f64::INFINITY, |(slopes, _)| {
                 let moved = slopes.map(|slope| gaussian::dot(&slope, &by));
                 Vector3::from(moved).norm()
@@ -43,14 +44,14 @@ impl Tracker {
     pub(super) fn slopes(
         &self,
         commanded: &Measurements,
-        hauled: &[f64],
+        rubbing: &[Rubbing],
         near: &Pose,
     ) -> Option<Slopes> {
         let rest = Rest {
             robot: &self.robot,
             sigmas: &self.prior.rows,
             measured: commanded,
-            hauled,
+            rubbing,
             every_tension: false,
         };
         let start = Hanging {
@@ -107,15 +108,15 @@ impl Tracker {
 
     /// What the encoders must show for a planned rest, m.
     #[must_use]
-    pub fn paid_out_m(&self, rest: &StaticState, hauled: &[f64]) -> Vec<f64> {
+    pub fn paid_out_m(&self, rest: &StaticState, rubbing: &[Rubbing]) -> Vec<f64> {
         let (layout, x) = (self.layout, &self.planned);
         let pairs = rest.equilibrium.lengths_m.iter().zip(rest.tensions_n());
         let cables = self.robot.cables.iter().zip(pairs).enumerate();
         cables
             .map(|(i, (cable, (length_m, tension_n)))| {
                 let compliance = (1.0 + x[layout.compliance(i)]) / cable.ea_n;
-                let rubbing = x[layout.loss()] * hauled.get(i).copied().unwrap_or(0.0);
-                let extra = cable.routing_length_m * rubbing * compliance * tension_n;
+                let side = rubbing.get(i).map_or(0.0, |rubbing| rubbing.side);
+                let extra = cable.routing_length_m * x[layout.loss(i)] * side * compliance * tension_n;
                 let total = length_m + cable.routing_length_m - extra;
                 let creep = x[layout.creep(i, 0)] + x[layout.creep(i, 1)];
                 let off_drum = total / ((1.0 + tension_n * compliance) * (1.0 + creep));
@@ -126,9 +127,9 @@ impl Tracker {
 
     /// What a tension sensor shows while the platform feels `tension_n`, N.
     #[must_use]
-    pub fn reading_n(&self, cable: usize, tension_n: f64, hauled: f64) -> f64 {
+    pub fn reading_n(&self, cable: usize, tension_n: f64, rubbing: Rubbing) -> f64 {
         let (layout, x) = (self.layout, &self.planned);
-        let rubbed = 1.0 + x[layout.loss()] * hauled;
+        let rubbed = 1.0 + x[layout.loss(cable)] * rubbing.side;
         tension_n * rubbed * (1.0 + x[layout.gain(cable)]) + x[layout.zero(cable)]
     }
 }

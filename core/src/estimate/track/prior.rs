@@ -18,7 +18,7 @@ pub struct Prior {
     pub gain: f64,
     /// What a sensor shows without tension, N.
     pub zero_n: f64,
-    /// Loss over a pulley: mean and standard deviation.
+    /// Loss over each pulley: mean and standard deviation.
     pub loss: [f64; 2],
     /// Relative error of the platform's mass.
     pub mass: f64,
@@ -61,7 +61,7 @@ impl Default for Prior {
             camera: [1e-4, 2e-4],
             drift_m: 1e-4,
             drift_n: 0.15,
-            creep_drift: 0.25,
+            creep_drift: 0.17,
             rows: RowSigmas::default(),
             below_m: [0.03, 0.02],
             grasp_m: 0.015,

@@ -7,6 +7,7 @@
 
 use super::layout::Layout;
 use super::lines::Lines;
+use super::pulleys::Rubbing;
 use super::statics::{Leg, Statics, WEIGHT, moment_by_mass};
 use crate::estimate::Measurements;
 use crate::robot::{Control, Robot};
@@ -22,8 +23,6 @@ pub struct RowSigmas {
     pub tension_n: f64,
     /// What no state describes of a tension, as a share of it.
     pub tension_share: f64,
-    /// How well the state of a turning pulley's friction is known, as a share of it; a third at its end.
-    pub friction: f64,
     /// Balance of forces, N.
     pub force_n: f64,
     /// An attachment, per axis, m: cables pull moments by it.
@@ -36,7 +35,6 @@ impl Default for RowSigmas {
             length_m: 3e-5,
             tension_n: 0.02,
             tension_share: 0.002,
-            friction: 0.2,
             force_n: 0.01,
             attachment_m: 6e-5,
         }
@@ -55,8 +53,8 @@ pub(super) struct Rest<'a> {
     pub(super) robot: &'a Robot,
     pub(super) sigmas: &'a RowSigmas,
     pub(super) measured: &'a Measurements,
-    /// Travel that each pulley's friction has seen last: 1 hauled in, -1 paid out.
-    pub(super) hauled: &'a [f64],
+    /// Friction of each pulley.
+    pub(super) rubbing: &'a [Rubbing],
     /// Whether the tensions of length-held cables are used: not known before a rest.
     pub(super) every_tension: bool,
 }
@@ -151,9 +149,9 @@ impl Rest<'_> {
         let elastic = 1.0 + tension * compliance;
         let grown = off_drum * (1.0 + creep);
         // The routing carries the winch's tension: it stretches by the pulley's share more.
-        let side = self.hauled.get(i).copied().unwrap_or(0.0);
+        let side = self.rubbing.get(i).map_or(0.0, |rubbing| rubbing.side);
         let extra_by_loss = cable.routing_length_m * side * compliance;
-        let extra = extra_by_loss * at(layout.loss());
+        let extra = extra_by_loss * at(layout.loss(i));
         let inverse = 1.0 / self.sigmas.length_m;
         let (index, row) = rows.lines.push();
         let by_pose = leg.length_by_pose().map(|slope| slope * inverse);
@@ -171,7 +169,7 @@ impl Rest<'_> {
                 layout.compliance(i),
                 -grown * tension / cable.ea_n * inverse,
             );
-            put(layout.loss(), -extra_by_loss * tension * inverse);
+            put(layout.loss(i), -extra_by_loss * tension * inverse);
             for (axis, slope) in by_pose.iter().take(3).enumerate() {
                 // Only the way from anchor to attachment counts.
                 put(layout.anchor(i) + axis, -slope);
@@ -193,13 +191,12 @@ impl Rest<'_> {
         let at = |k: usize| x.get(k).copied().unwrap_or(0.0);
         let read = *self.measured.tensions_n.get(i)?;
         let tension = *hanging.tensions_n.get(i)?;
-        let side = self.hauled.get(i).copied().unwrap_or(0.0);
-        let (loss, gain) = (at(layout.loss()), at(layout.gain(i)));
+        let Rubbing { side, unsure } = *self.rubbing.get(i)?;
+        let (loss, gain) = (at(layout.loss(i)), at(layout.gain(i)));
         let rubbed = 1.0 + loss * side;
-        let turning = 0.3 + (1.0 - side.abs());
-        let unsure = loss * tension * self.sigmas.friction * turning;
+        let unsure_n = loss * tension * unsure;
         let scale = tension * self.sigmas.tension_share;
-        let squares = self.sigmas.tension_n.powi(2) + unsure * unsure + scale * scale;
+        let squares = self.sigmas.tension_n.powi(2) + unsure_n * unsure_n + scale * scale;
         let inverse = 1.0 / squares.sqrt();
         let (index, row) = rows.lines.push();
         row[6 + i] = rubbed * (1.0 + gain) * inverse;
@@ -208,7 +205,7 @@ impl Rest<'_> {
             let mut put = |state: usize, value: f64| rows.put(index, state, value);
             put(layout.zero(i), inverse);
             put(layout.gain(i), tension * rubbed * inverse);
-            put(layout.loss(), tension * side * (1.0 + gain) * inverse);
+            put(layout.loss(i), tension * side * (1.0 + gain) * inverse);
         }
         Some(())
     }

@@ -12,7 +12,7 @@ fn model() -> Model {
 }
 
 /// A rest as a robot without any error would measure it, with its tool moved from home.
-pub(super) fn exact(model: &Model, by_m: [f64; 3]) -> (Measurements, Vec<f64>, Pose) {
+pub(super) fn exact(model: &Model, by_m: [f64; 3]) -> (Measurements, Vec<Rubbing>, Pose) {
     let tool = model.robot().tool.home_in_world_m + Vector3::from(by_m);
     let rest = model.rest(&tool, None).unwrap();
     let measured = Measurements {
@@ -20,7 +20,13 @@ pub(super) fn exact(model: &Model, by_m: [f64; 3]) -> (Measurements, Vec<f64>, P
         tensions_n: rest.tensions_n().to_vec(),
         ..Measurements::default()
     };
-    (measured, vec![0.0; 4], rest.equilibrium.pose)
+    (measured, all_rub(model, 0.0), rest.equilibrium.pose)
+}
+
+/// Friction of all pulleys alike, about as sure as after a turn.
+pub(super) fn all_rub(model: &Model, side: f64) -> Vec<Rubbing> {
+    let friction = Rubbing { side, unsure: 0.26 };
+    vec![friction; model.robot().cables.len()]
 }
 
 /// A tag, at a place in the world, as the robot's camera sees it from a pose with its bracket bent along the picture.
@@ -66,8 +72,8 @@ fn a_rest_without_errors_teaches_no_change_and_less_uncertainty() {
     let mut tracker = Tracker::new(&model, &prior);
     let before = tracker.now.clone();
     for by in [[0.0; 3], [0.05, 0.0, -0.1], [0.1, 0.1, -0.05]] {
-        let (measured, hauled, near) = exact(&model, by);
-        let report = tracker.rest(&measured, &hauled, &near);
+        let (measured, rubbing, near) = exact(&model, by);
+        let report = tracker.rest(&measured, &rubbing, &near);
         assert!(report.fits && report.doubt < 1e-3, "{report:?}");
     }
     let layout = tracker.layout;
@@ -91,8 +97,8 @@ fn what_nothing_observes_stays_as_uncertain_as_it_is() {
     }
     let before = tracker.now.spread(&[row.clone()])[0][0];
     for k in 0..20 {
-        let (measured, hauled, near) = exact(&model, [0.01 * f64::from(k), 0.0, -0.1]);
-        tracker.rest(&measured, &hauled, &near);
+        let (measured, rubbing, near) = exact(&model, [0.01 * f64::from(k), 0.0, -0.1]);
+        tracker.rest(&measured, &rubbing, &near);
     }
     let after = tracker.now.spread(&[row])[0][0];
     assert!(after > 0.99 * before, "{after} of {before}");
@@ -111,8 +117,8 @@ fn a_payload_is_weighed_by_one_rest_and_forgotten_when_it_is_set_down() {
         [0.1, 0.1, -0.05],
         [0.0, 0.1, -0.1],
     ] {
-        let (measured, hauled, near) = exact(&model, by);
-        tracker.rest(&measured, &hauled, &near);
+        let (measured, rubbing, near) = exact(&model, by);
+        tracker.rest(&measured, &rubbing, &near);
     }
     assert_eq!(tracker.load(), None);
     // The same robot with 0.6 kg below its gripper, as its own statics have it.
@@ -122,9 +128,9 @@ fn a_payload_is_weighed_by_one_rest_and_forgotten_when_it_is_set_down() {
     let center = heavy.platform.center_of_mass_m;
     heavy.platform.mass_kg = mass + 0.6;
     heavy.platform.center_of_mass_m = (center * mass + at * 0.6) / (mass + 0.6);
-    let (measured, hauled, near) = exact(&Model::new(&heavy).unwrap(), [0.05, 0.0, -0.1]);
+    let (measured, rubbing, near) = exact(&Model::new(&heavy).unwrap(), [0.05, 0.0, -0.1]);
     tracker.lift();
-    assert!(tracker.rest(&measured, &hauled, &near).fits);
+    assert!(tracker.rest(&measured, &rubbing, &near).fits);
     let load = tracker.load().unwrap();
     // Readings are exact; the prior of sensors and losses leaves this much.
     assert!((load.mass_kg / 0.6 - 1.0).abs() < 0.01, "{load:?}");
@@ -140,20 +146,20 @@ fn a_payload_is_weighed_by_one_rest_and_forgotten_when_it_is_set_down() {
 fn plans_follow_in_bounded_steps_and_a_wild_rest_is_not_followed() {
     let model = model();
     let mut tracker = Tracker::new(&model, &Prior::default());
-    let (measured, hauled, near) = exact(&model, [0.0; 3]);
-    tracker.rest(&measured, &hauled, &near);
+    let (measured, rubbing, near) = exact(&model, [0.0; 3]);
+    tracker.rest(&measured, &rubbing, &near);
     let robot = tracker.robot();
     // Two cables 20 mm off at once: no single cause explains it.
     let mut wild = measured.clone();
     wild.lengths_m[0] += 0.02;
     wild.lengths_m[2] -= 0.03;
     wild.tensions_n[1] += 3.0;
-    let report = tracker.rest(&wild, &hauled, &near);
+    let report = tracker.rest(&wild, &rubbing, &near);
     assert!(!report.fits && report.named.is_none(), "{report:?}");
     assert_eq!(tracker.robot(), robot);
     // Nor a reading that is no number.
     wild.tensions_n[1] = f64::NAN;
-    assert!(!tracker.rest(&wild, &hauled, &near).fits);
+    assert!(!tracker.rest(&wild, &rubbing, &near).fits);
     assert_eq!(tracker.robot(), robot);
 }
 
@@ -166,27 +172,27 @@ fn a_bent_camera_is_named_by_two_looks_though_rests_between_them_fit() {
     let floor = Vector3::new(0.33, 0.0, -0.72);
     // What a camera sees whose bracket is bent by a shift along the picture.
     let look = |by_m: [f64; 3], bent_m: f64| {
-        let (mut measured, hauled, near) = exact(&model, by_m);
+        let (mut measured, rubbing, near) = exact(&model, by_m);
         (measured.views, measured.places) = seen(robot, &tag, Pose::level(floor), &near, bent_m);
-        (measured, hauled, near)
+        (measured, rubbing, near)
     };
     let places = [[0.08, 0.1, -0.1], [0.05, 0.12, -0.15], [0.1, 0.08, -0.05]];
     for by in places {
-        let (measured, hauled, near) = look(by, 0.0);
-        assert!(tracker.rest(&measured, &hauled, &near).fits);
+        let (measured, rubbing, near) = look(by, 0.0);
+        assert!(tracker.rest(&measured, &rubbing, &near).fits);
     }
     let before = tracker.robot();
-    let (measured, hauled, near) = look(places[0], 3e-3);
-    let first = tracker.rest(&measured, &hauled, &near);
+    let (measured, rubbing, near) = look(places[0], 3e-3);
+    let first = tracker.rest(&measured, &rubbing, &near);
     assert!(!first.fits && first.named.is_none(), "{first:?}");
     // Noticed, and not followed.
     assert_eq!(tracker.robot(), before);
     for by in places {
-        let (measured, hauled, near) = exact(&model, by);
-        assert!(tracker.rest(&measured, &hauled, &near).fits);
+        let (measured, rubbing, near) = exact(&model, by);
+        assert!(tracker.rest(&measured, &rubbing, &near).fits);
     }
-    let (measured, hauled, near) = look(places[1], 3e-3);
-    let named = tracker.rest(&measured, &hauled, &near).named.unwrap();
+    let (measured, rubbing, near) = look(places[1], 3e-3);
+    let named = tracker.rest(&measured, &rubbing, &near).named.unwrap();
     assert_eq!(named.what, Moved::Camera, "{named:?}");
     assert!((named.by.norm() - 3e-3).abs() < 1e-3, "{named:?}");
 }
@@ -214,7 +220,7 @@ fn the_tube_of_tracked_states_is_as_wide_as_their_region() {
         [0.1, 0.1, -0.05],
         [0.0, 0.1, -0.1],
     ] {
-        let (measured, hauled, near) = exact(&model, by);
+        let (measured, rubbing, near) = exact(&model, by);
         let planner = tracker.model(&model).unwrap();
         let rest = planner
             .rest_from_lengths(&measured.lengths_m, &measured.tensions_n)
@@ -222,7 +228,7 @@ fn the_tube_of_tracked_states_is_as_wide_as_their_region() {
         let tensions_n = rest.tensions_n().to_vec();
         let belief = tracker.belief(0.0, &tensions_n, &doubts);
         let platform = belief.platform_at(&planner, &rest).unwrap().unwrap();
-        let said = tracker.region(&measured, &[1.0; 4], &near).unwrap();
+        let said = tracker.region(&measured, &all_rub(&model, 1.0), &near).unwrap();
         let arm = rest.equilibrium.pose.rotation * model.robot().tool.tcp_in_platform_m;
         let by_pose = tool_per_pose(&arm);
         let tool = by_pose * platform * by_pose.transpose();
@@ -232,7 +238,7 @@ fn the_tube_of_tracked_states_is_as_wide_as_their_region() {
             tool.trace().sqrt(),
             said.covariance_m2.trace().sqrt(),
         ));
-        tracker.rest(&measured, &hauled, &near);
+        tracker.rest(&measured, &rubbing, &near);
     }
     // Before the first rest a region is narrower: it uses the length of the tension-held cable, too, of which a plan knows
     // nothing.
@@ -259,9 +265,9 @@ fn a_tube_counts_what_plans_lag_behind_and_the_creep_to_come() {
             ..Prior::default()
         };
         let mut tracker = Tracker::new(&model, &prior);
-        let (mut measured, hauled, near) = exact(&model, [0.0; 3]);
+        let (mut measured, rubbing, near) = exact(&model, [0.0; 3]);
         measured.lengths_m.iter_mut().for_each(|m| *m -= 5e-4);
-        assert!(tracker.rest(&measured, &hauled, &near).fits);
+        assert!(tracker.rest(&measured, &rubbing, &near).fits);
         tracker
     };
     let (quick, slow) = (after(1.0), after(1e-6));

@@ -72,13 +72,17 @@ fn the_rows_slopes_are_those_of_their_residuals() {
             cables: robot.cables.len(),
         };
         let (measured, _, pose) = exact(&model, [0.04, -0.03, -0.05]);
-        let hauled: Vec<f64> = (0..layout.cables).map(|i| 1.0 - 0.5 * i as f64).collect();
+        let friction = |i: usize| Rubbing {
+            side: 1.0 - 0.5 * i as f64,
+            unsure: 0.1,
+        };
+        let rubbing: Vec<Rubbing> = (0..layout.cables).map(friction).collect();
         let prior = RowSigmas::default();
         let rest = Rest {
             robot,
             sigmas: &prior,
             measured: &measured,
-            hauled: &hauled,
+            rubbing: &rubbing,
             every_tension: true,
         };
         let hanging = Hanging {

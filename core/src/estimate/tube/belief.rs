@@ -6,9 +6,9 @@ use mcdpr_kinematics::{CablePath, CableVec, GRAVITY_MPS2};
 use nalgebra::{DMatrix, DVector};
 
 /// Unknown errors of one cable.
-pub(super) const PER_CABLE: usize = 14;
+pub(super) const PER_CABLE: usize = 15;
 /// Unknown errors of the whole machine.
-const SHARED: usize = 13;
+const SHARED: usize = 12;
 
 /// What is not known of a machine: standard deviations about its description. Errors with a known sign
 /// count by their root mean square.
@@ -32,7 +32,7 @@ pub struct Doubts {
     pub gain: f64,
     /// Zero and remaining noise of each tension sensor, N.
     pub zero_n: f64,
-    /// Tension lost at the pulleys, beyond what the file says, as a share.
+    /// Tension lost at each pulley, beyond what the file says, as a share.
     pub loss: f64,
     /// Mass, relative.
     pub mass: f64,
@@ -162,15 +162,20 @@ impl Errors {
     pub const fn radius(self, cable: usize) -> usize {
         cable * PER_CABLE + 13
     }
+    /// Tension lost at a pulley, as a share.
+    #[must_use]
+    pub(crate) const fn loss(self, cable: usize) -> usize {
+        cable * PER_CABLE + 14
+    }
     pub(super) const fn shared(self) -> usize {
         self.cables * PER_CABLE
     }
     /// Whether the tracker of slow changes has this error among its states.
     const fn is_tracked(self, error: usize) -> bool {
         if error < self.shared() {
-            matches!(error % PER_CABLE, 0..=2 | 6 | 8..=10 | 12)
+            matches!(error % PER_CABLE, 0..=2 | 6 | 8..=10 | 12 | 14)
         } else {
-            error <= self.loss()
+            error < self.payload()
         }
     }
     /// The platform's mass, kg.
@@ -183,26 +188,21 @@ impl Errors {
     pub const fn center(self) -> usize {
         self.shared() + 1
     }
-    /// Tension lost at the pulleys, as a share.
-    #[must_use]
-    pub(crate) const fn loss(self) -> usize {
-        self.shared() + 4
-    }
     pub(super) const fn payload(self) -> usize {
-        self.shared() + 5
+        self.shared() + 4
     }
     /// First of three: a force at the centre of mass, world, N.
     #[must_use]
     pub const fn force(self) -> usize {
-        self.shared() + 6
+        self.shared() + 5
     }
     /// First of three: a moment, world's axes, N m.
     #[must_use]
     pub const fn moment(self) -> usize {
-        self.shared() + 9
+        self.shared() + 8
     }
     pub(super) const fn all_late(self) -> usize {
-        self.shared() + 12
+        self.shared() + 11
     }
 }
 
@@ -305,6 +305,7 @@ fn spread(robot: &Robot, doubts: &Doubts) -> DMatrix<f64> {
         sigmas[errors.compliance(i)] = doubts.compliance;
         sigmas[errors.gain(i)] = doubts.gain;
         sigmas[errors.zero(i)] = doubts.zero_n;
+        sigmas[errors.loss(i)] = doubts.loss;
         let lag_s = robot
             .winch_of(i)
             .map_or(0.0, |winch| 1.0 / winch.drive_bandwidth_rad_s);
@@ -312,7 +313,6 @@ fn spread(robot: &Robot, doubts: &Doubts) -> DMatrix<f64> {
     }
     let weight_n = robot.platform.mass_kg * GRAVITY_MPS2;
     sigmas[errors.mass()] = doubts.mass * robot.platform.mass_kg;
-    sigmas[errors.loss()] = doubts.loss;
     // Uniform from none to the greatest; the tube lies around the plan, which knows of none.
     sigmas[errors.payload()] = doubts.payload_kg * UNIFORM;
     sigmas[errors.all_late()] = doubts.late_s;

@@ -217,7 +217,7 @@ fn mostly(
         ("from the cables' creep", of(&own(12, 13))),
         (
             "from tension sensors and pulleys' friction",
-            of(&|k| own(9, 11)(k) || k == errors.loss()),
+            of(&|k| own(9, 11)(k) || own(14, 15)(k)),
         ),
         (
             "from the drives",
@@ -225,7 +225,7 @@ fn mostly(
         ),
         (
             "from mass and centre of mass",
-            of(&shared(errors.mass(), errors.loss())),
+            of(&shared(errors.mass(), errors.payload())),
         ),
         ("from a load", of(&|k| k == errors.payload())),
         (

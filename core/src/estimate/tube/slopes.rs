@@ -15,6 +15,8 @@ const LEAST_GAIN: f64 = 1e-3;
 const STEP_M: f64 = 1e-6;
 /// A pulley's radius among the errors of a cable.
 const RADIUS: usize = 13;
+/// Loss at a pulley, the same.
+const LOSS: usize = 14;
 
 /// Change of a cable's length per radius of its pulley: the arc grows by the wrap angle, the straight part gets shorter by
 /// its sine.
@@ -172,18 +174,11 @@ impl Instant<'_> {
                 put(forces, &Vector3::zeros(), &shift.cross(&(down * mass_kg)));
             }
             4 => {
-                // The sensor sits before the pulley: hauling in, the platform feels less.
-                for i in (0..errors.cables).filter(|i| !by_length.contains(i)) {
-                    let side = self.rubbed.get(i).copied().unwrap_or(0.0);
-                    *cables.get_mut(i)? = balance.tensions_n.get(i)? * side;
-                }
-            }
-            5 => {
                 let tool = pose.rotation * robot.tool.tcp_in_platform_m;
                 put(forces, &down, &tool.cross(&down));
             }
-            axis @ 6..=8 => put(forces, &unit(axis - 6), &center.cross(&unit(axis - 6))),
-            axis @ 9..=11 => put(forces, &Vector3::zeros(), &unit(axis - 9)),
+            axis @ 5..=7 => put(forces, &unit(axis - 5), &center.cross(&unit(axis - 5))),
+            axis @ 8..=10 => put(forces, &Vector3::zeros(), &unit(axis - 8)),
             _ => {
                 for i in 0..errors.cables {
                     *cables.get_mut(i)? = if by_length.contains(&i) {
@@ -213,6 +208,8 @@ impl Instant<'_> {
                 9 => tension_n,
                 10 => 1.0,
                 11 => self.late_pull_n(i)?,
+                // The sensor sits before the pulley: hauling in, the platform feels less.
+                LOSS => tension_n * self.rubbed.get(i).copied().unwrap_or(0.0),
                 _ => 0.0,
             };
             return Some(());

@@ -185,6 +185,46 @@ fn a_tension_that_is_held_gives_way() {
     assert_eq!(before, day.state());
 }
 
+/// Friction that turns moves the cable of a held tension back, so that friction and rest have to be found together.
+#[test]
+fn friction_and_rest_agree_where_a_tension_is_held() {
+    // A sharp pulley: its friction moves the cable by more than its travel.
+    let mut params = slow_robot(0.02);
+    let presliding_m = 2e-5;
+    params.cables[3].pulley_presliding_m = presliding_m;
+    let moving = at_rest(params, &off_centre(), 8.0);
+    let mut day = DayPlant::of(&moving);
+    let friction = |state: &crate::plant::DayState| {
+        (state.tensions_winch_n[3] / state.tensions_platform_n[3] - 1.0) / 0.02
+    };
+    let passed_m = |state: &crate::plant::DayState| {
+        state.drum_positions_m[3]
+            + state.tensions_winch_n[3] * moving.params.cables[3].routing_length_m / moving.params.cables[3].ea_n
+    };
+    let start = day.state();
+    let (mut side, mut at_m) = (friction(&start), passed_m(&start));
+    let mut turned = 0;
+    for k in 0..300_i32 {
+        // The other drums wander by a hundredth of a millimetre, the held tension by a tenth of a newton.
+        let by = |share: f64| 1e-5 * (f64::from(k) * share).sin();
+        let drums = [by(0.7), by(1.1), by(1.7)].map(DayHold::Drum);
+        let held = DayHold::Tension(8.0 + 0.1 * (f64::from(k) * 2.3).sin());
+        day.rest(&[drums[0], drums[1], drums[2], held])
+            .expect("it hangs");
+        let state = day.state();
+        // Dahl's law by hand, along the way that the cable went.
+        let way_m = at_m - passed_m(&state);
+        at_m = passed_m(&state);
+        let end = way_m.signum();
+        turned += i32::from(end * side < 0.0);
+        side = end + (side - end) * (-way_m.abs() / presliding_m).exp();
+        let found = friction(&state);
+        assert!((found - side).abs() < 2e-3, "{k}: {found} {side}");
+        side = found;
+    }
+    assert!(turned > 20, "friction turned {turned} times");
+}
+
 #[test]
 fn a_plant_warms_up_and_its_sensors_drift_by_themselves() {
     let mut params = slow_robot(0.0);
