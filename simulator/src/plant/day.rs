@@ -19,8 +19,8 @@ const LEVER_M: f64 = 0.1;
 /// Drums turn by at most this between two states (m), so that Newton's method stays close and the
 /// pulleys' friction follows the way.
 const STEP_M: f64 = 0.01;
-/// Newton's method has ten steps: it needs three or four.
-const NEWTON: usize = 25;
+/// Newton's method has as many steps: it needs three or four, near a cable that becomes slack up to 25.
+const NEWTON: usize = 60;
 /// Friction and equilibrium are made consistent in at most this many rounds. One or two are the rule; 41 were the most in an
 /// hour of eight cables.
 const ROUNDS: usize = 200;
@@ -197,7 +197,8 @@ impl DayPlant {
                 if cable.loss == 0.0 {
                     continue;
                 }
-                let by = cable.rubbed(*start, cable.paid_out(self.drums_m[i])) - cable.friction_state;
+                let by =
+                    cable.rubbed(*start, cable.paid_out(self.drums_m[i])) - cable.friction_state;
                 changed = changed.max(by.abs());
                 if by * before[i] < 0.0 {
                     shares[i] *= (before[i] / (before[i] - by)).clamp(0.3, 0.9);

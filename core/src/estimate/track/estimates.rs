@@ -101,6 +101,8 @@ impl Tracker {
     /// The robot was homed anew, with these paid-out lengths now, m: the encoders' reference contains what the
     /// cables have crept, and, where they are taken at home, what anchors and stiffness change there.
     pub fn homed(&mut self, lengths_m: &[f64]) {
+        // Rests before a homing are rests with other lengths.
+        self.recent.clear();
         let layout = self.layout;
         for (i, length_m) in lengths_m.iter().enumerate().take(layout.cables) {
             let routing_m = self.robot.cables.get(i).map_or(0.0, |c| c.routing_length_m);

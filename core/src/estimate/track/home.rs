@@ -36,8 +36,8 @@ pub(super) fn slopes(model: &Model, layout: Layout) -> Vec<Follows> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Prior, Tracker};
     use super::super::tests::all_rub;
+    use super::super::{Prior, Tracker};
     use super::*;
     use crate::estimate::Measurements;
     use crate::robot::Robot;

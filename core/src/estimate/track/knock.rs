@@ -12,12 +12,12 @@ use mcdpr_kinematics::Pose;
 use nalgebra::Vector3;
 
 /// A knock of an anchor is looked for within this, per axis, m.
-const ANCHOR_M: f64 = 5e-3;
+pub(super) const ANCHOR_M: f64 = 5e-3;
 /// A bent bracket: shift, m, and turn, rad.
 const CAMERA_M: f64 = 5e-3;
 const CAMERA_RAD: f64 = 2e-2;
 /// The best cause is named if no other is more likely than a hundredth of it: ln(100).
-const CLEARER: f64 = 4.6;
+pub(super) const CLEARER: f64 = 4.6;
 /// One rest names nothing: something may have touched the platform. A second one must agree.
 const CONFIRMED: usize = 2;
 /// Rests that wait for an explanation, at most.
@@ -71,7 +71,7 @@ pub(super) struct Pending {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Hypothesis(Moved);
+pub(super) struct Hypothesis(pub(super) Moved);
 
 impl Hypothesis {
     pub(super) fn free(self, layout: Layout, states: &mut Gaussian) {
@@ -98,7 +98,7 @@ impl Hypothesis {
         }
     }
 
-    fn change(self, layout: Layout, from: &Gaussian, to: &Gaussian) -> Vector3<f64> {
+    pub(super) fn change(self, layout: Layout, from: &Gaussian, to: &Gaussian) -> Vector3<f64> {
         let first = match self.0 {
             Moved::Anchor(cable) => layout.anchor(cable - 1),
             Moved::Camera => layout.camera(),
@@ -132,9 +132,9 @@ pub(super) fn explain(tracker: &Tracker) -> (Option<Named>, Option<Gaussian>) {
         let mut states = tracker.freed(Hypothesis(what));
         let mut fit = Fit::default();
         let explained = tracker.pending.iter().all(|look| {
-            tracker.taken(&states, look).is_some_and(|(next, one)| {
-                states = next;
-                fit = fit.with(one);
+            tracker.taken(&states, look).is_some_and(|taken| {
+                states = taken.states;
+                fit = fit.with(taken.fit);
                 true
             })
         });

@@ -12,6 +12,7 @@ mod estimates;
 mod gaussian;
 mod hang;
 mod home;
+mod judge;
 mod kept;
 mod knock;
 mod layout;
@@ -20,6 +21,7 @@ mod payload;
 mod plans;
 mod prior;
 mod pulleys;
+mod recent;
 mod report;
 mod rows;
 mod statics;
@@ -29,11 +31,10 @@ mod tests;
 mod update_tests;
 
 use super::Measurements;
-use super::region::chi2_quantile;
 use crate::motion::Model;
 use crate::robot::Robot;
 pub use estimates::{CableEstimate, Estimates, Known};
-use gaussian::{Fit, Gaussian};
+use gaussian::{Fit, Gaussian, Hint};
 pub use kept::{Kept, KeptError};
 use knock::{Hypothesis, Pending};
 pub use knock::{Moved, Named};
@@ -42,9 +43,11 @@ use mcdpr_kinematics::Pose;
 use nalgebra::Matrix3;
 pub use prior::Prior;
 pub use pulleys::{Pulleys, Rubbing};
+use recent::{Event, Recent};
 pub use report::{Load, Region, Report};
 pub use rows::RowSigmas;
 use rows::{Hanging, Rest};
+use std::collections::VecDeque;
 
 /// Rests are doubted beyond this many standard deviations of a normal distribution: 1e-9 of them.
 const DOUBT_SIGMAS: f64 = 6.0;
@@ -59,6 +62,14 @@ const RETARDATION_S: [f64; 2] = [300.0, 7200.0];
 const CREEP_SHARES: [f64; 2] = [0.4, 0.6];
 const EIGHT_HOURS_S: f64 = 28_800.0;
 
+/// What a rest makes of the states.
+struct Taken {
+    states: Gaussian,
+    fit: Fit,
+    /// Of each anchor.
+    hints: Vec<Hint>,
+}
+
 /// The tracked state of a robot.
 #[derive(Debug, Clone)]
 pub struct Tracker {
@@ -72,6 +83,8 @@ pub struct Tracker {
     planned: Vec<f64>,
     loaded: bool,
     pending: Vec<Pending>,
+    /// The last rests, which are judged together.
+    recent: VecDeque<Recent>,
 }
 
 impl Tracker {
@@ -125,12 +138,14 @@ impl Tracker {
             at_home,
             loaded: false,
             pending: Vec::new(),
+            recent: VecDeque::new(),
         }
     }
 
     /// Lets time pass: cables creep under `tensions_n` (at the platform, mean of that time, N), and
     /// everything drifts.
     pub fn pass(&mut self, seconds: f64, tensions_n: &[f64]) {
+        self.happened(|| Event::Passed(seconds, tensions_n.to_vec()));
         let layout = self.layout;
         let share = seconds / EIGHT_HOURS_S;
         let length = self.prior.drift_m.powi(2) * share;
@@ -160,58 +175,8 @@ impl Tracker {
         }
     }
 
-    /// Takes a rest into account. `rubbing`: the friction of each pulley. `near`: about
-    /// how the platform hangs.
-    pub fn rest(&mut self, measured: &Measurements, rubbing: &[Rubbing], near: &Pose) -> Report {
-        let look = Pending {
-            measured: measured.clone(),
-            rubbing: rubbing.to_vec(),
-            near: *near,
-        };
-        let Some((next, fit)) = self.taken(&self.now, &look) else {
-            return self.doubted(look, f64::INFINITY);
-        };
-        let doubt = fit.squares / chi2_quantile(fit.rows as f64, DOUBT_SIGMAS);
-        if doubt > 1.0 || !doubt.is_finite() {
-            return self.doubted(look, doubt);
-        }
-        // A rest without a picture says nothing of the camera: looks that did not fit wait for the next one.
-        let blind = measured.views.is_empty();
-        self.pending
-            .retain(|waiting| blind && !waiting.measured.views.is_empty());
-        self.now = next;
-        self.follow(measured, rubbing, near);
-        Report {
-            fits: true,
-            doubt,
-            named: None,
-        }
-    }
-
-    /// A rest that does not fit: it waits until one cause explains it.
-    fn doubted(&mut self, look: Pending, doubt: f64) -> Report {
-        self.pending.push(look);
-        let (named, next) = knock::explain(self);
-        if let Some(next) = next {
-            if let Some(last) = self.pending.last().cloned() {
-                self.now = next;
-                self.follow(&last.measured, &last.rubbing, &last.near);
-            }
-            self.pending.clear();
-        }
-        // Older rests tell no more: what they do not explain together stays open.
-        if self.pending.len() >= knock::MOST {
-            self.pending.remove(0);
-        }
-        Report {
-            fits: false,
-            doubt,
-            named,
-        }
-    }
-
     /// The states after a rest, if they were `before` it.
-    fn taken(&self, before: &Gaussian, look: &Pending) -> Option<(Gaussian, Fit)> {
+    fn taken(&self, before: &Gaussian, look: &Pending) -> Option<Taken> {
         let rest = Rest {
             robot: &self.robot,
             sigmas: &self.prior.rows,
@@ -236,18 +201,22 @@ impl Tracker {
         for round in 0..ROUNDS {
             let weights = if round == 0 { &loose } else { &tight };
             hanging = rest.hang(&at, &hanging, weights)?;
-            let lesson = before.learn(&rest.linear(&at, &hanging)?)?;
+            let linear = rest.linear(&at, &hanging)?;
+            let lesson = before.learn(&linear)?;
             // Two rounds are enough where no state moves far.
             let moved = self.shift(&at, &lesson.mean);
             at.clone_from(&lesson.mean);
-            result = Some(lesson);
+            result = Some((lesson, linear));
             if moved < 0.05 {
                 break;
             }
         }
-        result.map(|lesson| {
-            let fit = lesson.fit;
-            (before.taught(lesson), fit)
+        let (lesson, linear) = result?;
+        let hint = |i: usize| linear.hint(&lesson, self.layout.anchor(i));
+        Some(Taken {
+            fit: lesson.fit,
+            hints: (0..self.layout.cables).map_while(hint).collect(),
+            states: before.taught(lesson),
         })
     }
 
@@ -267,7 +236,12 @@ impl Tracker {
     /// Where the tool is, or will be, under these lengths and tensions of the tension-held cables; those
     /// of the others are a guess. `None` where the platform does not hang.
     #[must_use]
-    pub fn region(&self, commanded: &Measurements, rubbing: &[Rubbing], near: &Pose) -> Option<Region> {
+    pub fn region(
+        &self,
+        commanded: &Measurements,
+        rubbing: &[Rubbing],
+        near: &Pose,
+    ) -> Option<Region> {
         let (slopes, (hanging, noise)) = self.slopes(commanded, rubbing, near)?;
         let spread = self.now.spread(&slopes);
         let covariance = Matrix3::from_fn(|i, j| spread[i][j]);

@@ -1,6 +1,7 @@
 //! What the gripper holds.
 
 use super::Tracker;
+use super::recent::Event;
 use super::report::Load;
 use super::rows::vector;
 use nalgebra::Vector3;
@@ -13,6 +14,7 @@ const LIGHTEST_KG: f64 = 1e-3;
 impl Tracker {
     /// The gripper took something: from the next rest on its mass and centre are estimated.
     pub fn lift(&mut self) {
+        self.happened(|| Event::Lifted);
         let first = self.layout.payload();
         let heavy = HEAVIEST * self.robot.platform.mass_kg;
         // What a gripper holds hangs below its fingers.
@@ -38,6 +40,7 @@ impl Tracker {
 
     /// The gripper let go.
     pub fn set_down(&mut self) {
+        self.happened(|| Event::SetDown);
         let first = self.layout.payload();
         for state in first..first + 4 {
             self.now.reset(state, 0.0, 0.0);

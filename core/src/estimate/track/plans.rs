@@ -116,7 +116,8 @@ impl Tracker {
             .map(|(i, (cable, (length_m, tension_n)))| {
                 let compliance = (1.0 + x[layout.compliance(i)]) / cable.ea_n;
                 let side = rubbing.get(i).map_or(0.0, |rubbing| rubbing.side);
-                let extra = cable.routing_length_m * x[layout.loss(i)] * side * compliance * tension_n;
+                let extra =
+                    cable.routing_length_m * x[layout.loss(i)] * side * compliance * tension_n;
                 let total = length_m + cable.routing_length_m - extra;
                 let creep = x[layout.creep(i, 0)] + x[layout.creep(i, 1)];
                 let off_drum = total / ((1.0 + tension_n * compliance) * (1.0 + creep));

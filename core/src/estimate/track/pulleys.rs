@@ -196,8 +196,8 @@ mod tests {
         let robot = Robot::built_in("lab-fast").unwrap();
         let cable = &robot.cables[0];
         let winch = robot.winch_of(0).unwrap();
-        let count_m = std::f64::consts::TAU * winch.drum_radius_m
-            / f64::from(winch.encoder_counts_per_turn);
+        let count_m =
+            std::f64::consts::TAU * winch.drum_radius_m / f64::from(winch.encoder_counts_per_turn);
         let mut random = Random::new(5);
         let (mut squares, mut counted) = ([0.0; 2], [0.0; 2]);
         for _ in 0..400 {

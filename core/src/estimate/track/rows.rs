@@ -34,7 +34,7 @@ impl Default for RowSigmas {
         Self {
             length_m: 3e-5,
             tension_n: 0.02,
-            tension_share: 0.002,
+            tension_share: 0.001,
             force_n: 0.01,
             attachment_m: 6e-5,
         }

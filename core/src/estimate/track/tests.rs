@@ -228,7 +228,9 @@ fn the_tube_of_tracked_states_is_as_wide_as_their_region() {
         let tensions_n = rest.tensions_n().to_vec();
         let belief = tracker.belief(0.0, &tensions_n, &doubts);
         let platform = belief.platform_at(&planner, &rest).unwrap().unwrap();
-        let said = tracker.region(&measured, &all_rub(&model, 1.0), &near).unwrap();
+        let said = tracker
+            .region(&measured, &all_rub(&model, 1.0), &near)
+            .unwrap();
         let arm = rest.equilibrium.pose.rotation * model.robot().tool.tcp_in_platform_m;
         let by_pose = tool_per_pose(&arm);
         let tool = by_pose * platform * by_pose.transpose();

@@ -199,7 +199,8 @@ fn friction_and_rest_agree_where_a_tension_is_held() {
     };
     let passed_m = |state: &crate::plant::DayState| {
         state.drum_positions_m[3]
-            + state.tensions_winch_n[3] * moving.params.cables[3].routing_length_m / moving.params.cables[3].ea_n
+            + state.tensions_winch_n[3] * moving.params.cables[3].routing_length_m
+                / moving.params.cables[3].ea_n
     };
     let start = day.state();
     let (mut side, mut at_m) = (friction(&start), passed_m(&start));
