@@ -15,7 +15,8 @@ use crate::estimate::region::chi2_quantile;
 const WINDOW: usize = 6;
 /// What hints explain together is looked into beyond this, chi-squared of three: 1.1 of 1,000 rests and anchors without a knock.
 const WORTH: f64 = 16.0;
-/// Logarithm of the ratio of likelihoods that names a cause. With the noise of rows as it is taken, no rest of 320 undisturbed hours of two robots was worth a look (docs/results/day.md).
+/// Logarithm of the ratio of likelihoods that names a cause. No rest of 320 undisturbed hours of two robots was worth a look
+/// (docs/results/day.md).
 const SURE: f64 = 12.0;
 /// The same without the rest that says most: something may have touched the platform in one rest.
 const AGREED: f64 = 3.0;
