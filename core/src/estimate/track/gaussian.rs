@@ -1,6 +1,6 @@
 //! Normal distribution of the slow states, and its update by rows with unit noise.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector};
 
 /// Mean and covariance.
 #[derive(Debug, Clone)]
@@ -32,26 +32,8 @@ impl Linear {
         }
     }
 
-    /// What these rows said, with `lesson`, of a move of the three states from `first` on.
-    pub(super) fn hint(&self, lesson: &Lesson, first: usize) -> Option<Hint> {
-        let rows = self.residual.len();
-        let slope = |row: usize, axis: usize| {
-            let group = self.slopes.get(row / GROUP)?;
-            Some(group.get(first + axis)?[row % GROUP])
-        };
-        let mut slopes = DMatrix::zeros(rows, 3);
-        for row in 0..rows {
-            for axis in 0..3 {
-                slopes[(row, axis)] = slope(row, axis)?;
-            }
-        }
-        let white = lesson.factor.solve_lower_triangular(&slopes)?;
-        let information = white.tr_mul(&white);
-        let moved = white.tr_mul(&lesson.white);
-        Some(Hint {
-            information: information.fixed_view::<3, 3>(0, 0).into_owned(),
-            moved: moved.fixed_rows::<3>(0).into_owned(),
-        })
+    pub(super) fn slope(&self, row: usize, state: usize) -> f64 {
+        self.slopes[row / GROUP][state][row % GROUP]
     }
 
     pub(super) fn slope_mut(&mut self, row: usize, state: usize) -> &mut f64 {
@@ -67,39 +49,8 @@ pub(super) struct Lesson {
     /// Row by row, one value per state: the covariance loses their squares.
     known: Vec<Vec<f64>>,
     /// Innovations of unit variance, and the factor of their covariance that makes them so.
-    white: DVector<f64>,
-    factor: DMatrix<f64>,
-}
-
-/// What rows say of three states that may have moved: information, and information times the move.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Hint {
-    pub(super) information: Matrix3<f64>,
-    pub(super) moved: Vector3<f64>,
-}
-
-impl Hint {
-    pub(super) fn none() -> Self {
-        Self {
-            information: Matrix3::zeros(),
-            moved: Vector3::zeros(),
-        }
-    }
-
-    pub(super) fn with(self, other: &Self) -> Self {
-        Self {
-            information: self.information + other.information,
-            moved: self.moved + other.moved,
-        }
-    }
-
-    /// Sum of squares that a move explains, at most: chi-squared of three without one. Directions known less than a move of
-    /// `sigma` do not count.
-    pub(super) fn explains(&self, sigma: f64) -> f64 {
-        let known = self.information + Matrix3::identity() / (sigma * sigma);
-        let move_by = known.cholesky().map(|factor| factor.solve(&self.moved));
-        move_by.map_or(0.0, |by| self.moved.dot(&by))
-    }
+    pub(super) white: DVector<f64>,
+    pub(super) factor: DMatrix<f64>,
 }
 
 /// How well rows fitted before they were used.

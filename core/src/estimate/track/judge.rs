@@ -16,11 +16,7 @@ impl Tracker {
             rubbing: rubbing.to_vec(),
             near: *near,
         };
-        let taken = self.taken(&self.now, &look);
-        if let Some(taken) = &taken {
-            self.remember(&look, taken);
-        }
-        let mut report = self.judged(taken, &look);
+        let mut report = self.judged(&look);
         if report.named.is_none()
             && let Some((named, next)) = self.seen_together()
         {
@@ -36,19 +32,21 @@ impl Tracker {
     }
 
     /// A rest is used if it fits.
-    fn judged(&mut self, taken: Option<Taken>, look: &Pending) -> Report {
-        let Some(taken) = taken else {
+    fn judged(&mut self, look: &Pending) -> Report {
+        let Some(Taken { states, fit, hints }) = self.taken(&self.now, look) else {
             return self.doubted(look.clone(), f64::INFINITY);
         };
-        let doubt = taken.fit.squares / chi2_quantile(taken.fit.rows as f64, DOUBT_SIGMAS);
+        let doubt = fit.squares / chi2_quantile(fit.rows as f64, DOUBT_SIGMAS);
         if doubt > 1.0 || !doubt.is_finite() {
+            self.remember(self.now.clone(), look.clone(), fit, hints);
             return self.doubted(look.clone(), doubt);
         }
         // A rest without a picture says nothing of the camera: looks that did not fit wait for the next one.
         let blind = look.measured.views.is_empty();
         self.pending
             .retain(|waiting| blind && !waiting.measured.views.is_empty());
-        self.now = taken.states;
+        let before = std::mem::replace(&mut self.now, states);
+        self.remember(before, look.clone(), fit, hints);
         self.follow(&look.measured, &look.rubbing, &look.near);
         Report {
             fits: true,

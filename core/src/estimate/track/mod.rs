@@ -11,6 +11,7 @@ mod errors;
 mod estimates;
 mod gaussian;
 mod hang;
+mod hint;
 mod home;
 mod judge;
 mod kept;
@@ -34,7 +35,8 @@ use super::Measurements;
 use crate::motion::Model;
 use crate::robot::Robot;
 pub use estimates::{CableEstimate, Estimates, Known};
-use gaussian::{Fit, Gaussian, Hint};
+use gaussian::{Fit, Gaussian};
+use hint::Hint;
 pub use kept::{Kept, KeptError};
 use knock::{Hypothesis, Pending};
 pub use knock::{Moved, Named};
@@ -212,10 +214,12 @@ impl Tracker {
             }
         }
         let (lesson, linear) = result?;
-        let hint = |i: usize| linear.hint(&lesson, self.layout.anchor(i));
+        let anchors: Vec<usize> = (0..self.layout.cables)
+            .map(|i| self.layout.anchor(i))
+            .collect();
         Some(Taken {
             fit: lesson.fit,
-            hints: (0..self.layout.cables).map_while(hint).collect(),
+            hints: linear.hints(&lesson, &anchors),
             states: before.taught(lesson),
         })
     }

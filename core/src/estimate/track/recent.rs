@@ -6,10 +6,12 @@
 //! 1976, with the ratio of marginal likelihoods in place of the generalised one). Without a knock that ratio exceeds e^s with a
 //! probability of e^-s at most, whatever the rows (Markov's inequality: its mean is 1), if the model is true.
 
-use super::gaussian::{Fit, Gaussian, Hint};
+use super::Tracker;
+use super::gaussian::{Fit, Gaussian};
+use super::hint::Hint;
 use super::knock::{ANCHOR_M, CLEARER, Hypothesis, Moved, Named, Pending};
-use super::{Taken, Tracker};
 use crate::estimate::region::chi2_quantile;
+use std::collections::VecDeque;
 
 /// Rests that are judged together.
 const WINDOW: usize = 6;
@@ -56,17 +58,17 @@ impl Tracker {
         }
     }
 
-    /// Takes note of a rest that begins with the states of now.
-    pub(super) fn remember(&mut self, look: &Pending, taken: &Taken) {
+    /// Takes note of a rest with the states `before` it.
+    pub(super) fn remember(&mut self, before: Gaussian, look: Pending, fit: Fit, hints: Vec<Hint>) {
         if self.recent.len() == WINDOW {
             self.recent.pop_front();
         }
         self.recent.push_back(Recent {
-            before: self.now.clone(),
+            before,
             loaded: self.loaded,
-            look: look.clone(),
-            fit: taken.fit,
-            hints: taken.hints.clone(),
+            look,
+            fit,
+            hints,
             since: Vec::new(),
         });
     }
@@ -116,9 +118,15 @@ impl Tracker {
     fn moved_before(&self, what: Moved, onset: usize) -> Option<Found> {
         let first = self.recent.get(onset)?;
         let hypothesis = Hypothesis(what);
-        let mut again = self.clone();
-        again.recent.clear();
-        again.now = first.before.clone();
+        let mut again = Self {
+            robot: self.robot.clone(),
+            now: first.before.clone(),
+            planned: self.planned.clone(),
+            at_home: None,
+            pending: Vec::new(),
+            recent: VecDeque::new(),
+            ..*self
+        };
         again.loaded = first.loaded;
         hypothesis.free(self.layout, &mut again.now);
         let (mut ratio, mut most) = (0.0, f64::NEG_INFINITY);
