@@ -308,8 +308,10 @@ impl Page {
                       const [x, y] = aim.at();
                       aim.hit = aim.e.contains(event.target) && Math.hypot(event.clientX - x, event.clientY - y) < 1;
                     }}
-                    if (!aim.hit) {{ event.preventDefault(); event.stopImmediatePropagation(); }}
-                    else if (type === 'click') aim.clicked = true;
+                    // Where it moved between press and release, the click goes to what contains both points.
+                    if (!aim.hit || (type === 'click' && !aim.e.contains(event.target))) {{
+                      event.preventDefault(); event.stopImmediatePropagation();
+                    }} else if (type === 'click') aim.clicked = true;
                   }}, true);
               }}
               const e = document.querySelector('{selector}');

@@ -104,3 +104,28 @@ impl Tracker {
         rows
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Prior;
+    use super::*;
+    use crate::motion::Model;
+    use crate::robot::Robot;
+
+    /// Plans know nothing of pulleys' friction: all of a loss is an error of theirs, however well it is known.
+    #[test]
+    fn a_known_loss_at_a_pulley_is_an_error_of_the_plan() {
+        let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+        let prior = Prior {
+            loss: [0.03, 1e-6],
+            ..Prior::default()
+        };
+        let tracker = Tracker::new(&model, &prior);
+        let belief = tracker.belief(0.0, &[10.0; 4], &Doubts::by_tape());
+        for i in 0..4 {
+            let loss = Errors { cables: 4 }.loss(i);
+            let sigma = belief.variance(loss).sqrt();
+            assert!((sigma - 0.03).abs() < 1e-6, "{sigma}");
+        }
+    }
+}

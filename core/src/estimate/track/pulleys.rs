@@ -39,6 +39,8 @@ struct Pulley {
     grain_m: f64,
     /// Standard deviation of a reading, m.
     reading_m: f64,
+    /// Of a way that no reading shows, m.
+    hidden_m: f64,
 }
 
 impl Pulley {
@@ -56,6 +58,8 @@ impl Pulley {
             grain_m,
             // Even within a count, or within what does not count as a way.
             reading_m: (count_m / 12.0_f64.sqrt()).max(grain_m / 3.0_f64.sqrt()),
+            // From anywhere to anywhere within a count.
+            hidden_m: (count_m / 6.0_f64.sqrt()).max(grain_m / 3.0_f64.sqrt()),
         }
     }
 
@@ -82,7 +86,7 @@ impl Pulley {
 
     fn rubbing(&self) -> Rubbing {
         // The cable may have gone either way since the last reading: mean square of both slopes.
-        let unseen = (1.0 + self.side * self.side).sqrt() / PRESLIDING_M * self.reading_m;
+        let unseen = (1.0 + self.side * self.side).sqrt() / PRESLIDING_M * self.hidden_m;
         let squares = self.variance
             + unseen * unseen
             + (self.by_travel * PRESLIDING_SHARE).powi(2)
@@ -166,69 +170,4 @@ fn passed<'a>(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::random::Random;
-
-    #[test]
-    fn friction_turns_over_its_travel_and_a_flickering_encoder_does_not_wear_it_away() {
-        let robot = Robot::built_in("lab-fast").unwrap();
-        let tensions_n = [10.0; 4];
-        let at = |m: f64| vec![0.6 - m; 4];
-        let mut pulleys = Pulleys::by_encoders(&robot, &at(0.0), &tensions_n);
-        pulleys.turn(&robot, &at(0.01), &tensions_n);
-        assert!(pulleys.rubbing().iter().all(|rub| rub.side > 0.999));
-        for _ in 0..100 {
-            pulleys.turn(&robot, &at(0.010_03), &tensions_n);
-            pulleys.turn(&robot, &at(0.01), &tensions_n);
-        }
-        assert!(pulleys.rubbing().iter().all(|rub| rub.side > 0.999));
-        // A way back of the travel: 1 - 2 (1 - 1/e) = -0.26.
-        pulleys.turn(&robot, &at(0.01 - PRESLIDING_M), &tensions_n);
-        let state = pulleys.rubbing()[2].side;
-        assert!((state + 0.264).abs() < 0.01, "{state}");
-    }
-
-    /// Pulleys whose travel, stiffness and encoder's edges differ go a way of long and short moves; the law by hand is Dahl's,
-    /// written as its differential equation.
-    #[test]
-    fn a_friction_is_off_by_as_much_as_is_said() {
-        let robot = Robot::built_in("lab-fast").unwrap();
-        let cable = &robot.cables[0];
-        let winch = robot.winch_of(0).unwrap();
-        let count_m =
-            std::f64::consts::TAU * winch.drum_radius_m / f64::from(winch.encoder_counts_per_turn);
-        let mut random = Random::new(5);
-        let (mut squares, mut counted) = ([0.0; 2], [0.0; 2]);
-        for _ in 0..400 {
-            let travel_m = PRESLIDING_M * (1.0 + random.within(0.3));
-            let softer = 1.0 + random.within(0.2);
-            let phase = random.unit();
-            let read = |true_m: f64| ((true_m / count_m + phase).floor() + 0.5 - phase) * count_m;
-            let (mut length_m, mut tension_n) = (0.6, 10.0);
-            let mut side = random.within(1.0);
-            let mut pulleys = Pulleys::new(&robot, &[read(length_m)], &[tension_n]);
-            for _ in 0..12 {
-                let size_m = [1e-5, 1e-4, 3e-4, 1e-2][(4.0 * random.unit()) as usize];
-                let way_m = random.within(size_m);
-                let pull_n = random.within(8.0);
-                let stretch_m = pull_n * cable.routing_length_m / cable.ea_n * softer;
-                let passed_m = way_m + stretch_m;
-                for _ in 0..2000 {
-                    let step_m = -passed_m / 2000.0;
-                    side += (step_m.signum() - side) * step_m.abs() / travel_m;
-                }
-                (length_m, tension_n) = (length_m + way_m, tension_n + pull_n);
-                pulleys.turn(&robot, &[read(length_m)], &[tension_n]);
-                let said = pulleys.rubbing()[0];
-                let turning = usize::from(said.side.abs() < 0.9);
-                squares[turning] += ((said.side - side) / said.unsure).powi(2);
-                counted[turning] += 1.0;
-            }
-        }
-        // Of turning friction about as much as is said, at its ends less: most of the doubt there is of moves that no count shows.
-        let [ends, turning] = [0, 1].map(|k| (squares[k] / counted[k]).sqrt());
-        assert!((0.6..1.1).contains(&turning), "{turning}");
-        assert!((0.1..1.0).contains(&ends), "{ends}");
-    }
-}
+mod tests;

@@ -118,6 +118,33 @@ impl Tracker {
     fn moved_before(&self, what: Moved, onset: usize) -> Option<Found> {
         let first = self.recent.get(onset)?;
         let hypothesis = Hypothesis(what);
+        let (fits, states) = self.again(onset, |now| hypothesis.free(self.layout, now))?;
+        let (mut ratio, mut most) = (0.0, f64::NEG_INFINITY);
+        let mut whole = Fit::default();
+        for (fit, rest) in fits.into_iter().zip(self.recent.iter().skip(onset)) {
+            let by = fit.log_likelihood() - rest.fit.log_likelihood();
+            ratio += by;
+            most = by.max(most);
+            whole = whole.with(fit);
+        }
+        let fits = whole.squares < chi2_quantile(whole.rows as f64, super::DOUBT_SIGMAS);
+        let by = hypothesis.change(self.layout, &first.before, &states);
+        fits.then_some(Found {
+            named: Named { what, by },
+            ratio,
+            agreed: ratio - most > AGREED,
+            states,
+        })
+    }
+
+    /// The filter run again from before the rest `onset`, with the states of then as `change` leaves them: how each rest since
+    /// fits, and the states in the end. Every rest is used, also one that did not fit.
+    fn again(
+        &self,
+        onset: usize,
+        change: impl FnOnce(&mut Gaussian),
+    ) -> Option<(Vec<Fit>, Gaussian)> {
+        let first = self.recent.get(onset)?;
         let mut again = Self {
             robot: self.robot.clone(),
             now: first.before.clone(),
@@ -128,15 +155,11 @@ impl Tracker {
             ..*self
         };
         again.loaded = first.loaded;
-        hypothesis.free(self.layout, &mut again.now);
-        let (mut ratio, mut most) = (0.0, f64::NEG_INFINITY);
-        let mut fit = Fit::default();
+        change(&mut again.now);
+        let mut fits = Vec::new();
         for rest in self.recent.iter().skip(onset) {
             let taken = again.taken(&again.now, &rest.look)?;
-            let by = taken.fit.log_likelihood() - rest.fit.log_likelihood();
-            ratio += by;
-            most = by.max(most);
-            fit = fit.with(taken.fit);
+            fits.push(taken.fit);
             again.now = taken.states;
             for event in &rest.since {
                 match event {
@@ -146,130 +169,9 @@ impl Tracker {
                 }
             }
         }
-        let fits = fit.squares < chi2_quantile(fit.rows as f64, super::DOUBT_SIGMAS);
-        let by = hypothesis.change(self.layout, &first.before, &again.now);
-        fits.then_some(Found {
-            named: Named { what, by },
-            ratio,
-            agreed: ratio - most > AGREED,
-            states: again.now,
-        })
+        Some((fits, again.now))
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::tests::{all_rub, exact};
-    use super::super::{Prior, Report};
-    use super::*;
-    use crate::motion::Model;
-    use crate::random::Random;
-    use crate::robot::Robot;
-    use nalgebra::Vector3;
-
-    const PLACES: [[f64; 3]; 5] = [
-        [0.08, 0.1, -0.1],
-        [0.05, -0.12, -0.15],
-        [-0.1, 0.08, -0.05],
-        [-0.06, -0.1, -0.12],
-        [0.0, 0.05, -0.2],
-    ];
-
-    /// Without a camera four cables cannot tell whose anchor moved: eight can.
-    fn eight_cable() -> Robot {
-        Robot::built_in("eight-cable").unwrap()
-    }
-
-    /// Rests of a machine at one place after the other, with the noise of means over a second.
-    fn rests_of(machine: &Robot, tracker: &mut Tracker, count: usize, seed: u64) -> Vec<Report> {
-        let model = Model::new(machine).unwrap();
-        let mut random = Random::new(seed);
-        let places = PLACES.iter().cycle().take(count);
-        let rest = |by: &[f64; 3]| {
-            let (mut measured, _, near) = exact(&model, *by);
-            for i in 0..measured.lengths_m.len() {
-                measured.lengths_m[i] += 1e-5 * random.normal();
-                measured.tensions_n[i] += 0.01 * random.normal();
-            }
-            tracker.pass(20.0, &measured.tensions_n);
-            tracker.rest(&measured, &all_rub(&model, 0.0), &near)
-        };
-        places.map(rest).collect()
-    }
-
-    /// A tracker that knows an exact machine well.
-    fn settled(robot: &Robot) -> Tracker {
-        let prior = Prior {
-            creep: [0.0, 1e-6],
-            loss: [0.0, 1e-3],
-            ..Prior::default()
-        };
-        let mut tracker = Tracker::new(&Model::new(robot).unwrap(), &prior);
-        let before = rests_of(robot, &mut tracker, 60, 1);
-        assert!(before.iter().all(|rest| rest.fits && rest.named.is_none()));
-        tracker
-    }
-
-    fn knocked(robot: &Robot, cable: usize, by_m: [f64; 3]) -> Robot {
-        let mut moved = robot.clone();
-        moved.cables[cable].anchor_in_world_m += Vector3::from(by_m);
-        moved
-    }
-
-    #[test]
-    fn a_knock_that_no_single_rest_shows_is_named_by_rests_together() {
-        let robot = eight_cable();
-        let mut tracker = settled(&robot);
-        let by_m = [0.0, 0.0, 0.7e-3];
-        let moved = knocked(&robot, 0, by_m);
-        let rests = rests_of(&moved, &mut tracker, 5, 2);
-        let named = rests.iter().find_map(|rest| rest.named);
-        let named = named.unwrap_or_else(|| panic!("nothing is named: {rests:?}"));
-        assert!(rests.iter().all(|rest| rest.fits), "{rests:?}");
-        assert_eq!(named.what, Moved::Anchor(1), "{named:?}");
-        assert!(
-            (named.by - Vector3::from(by_m)).norm() < 2.5e-4,
-            "{named:?}"
-        );
-        // The states follow: the next rests fit and name nothing.
-        let after = rests_of(&moved, &mut tracker, 20, 3);
-        assert!(after.iter().all(|rest| rest.fits && rest.named.is_none()));
-    }
-
-    #[test]
-    fn what_touches_the_platform_in_one_rest_is_not_named() {
-        let robot = eight_cable();
-        for by_mm in [0.5, 1.0, 2.0, 5.0] {
-            let mut tracker = settled(&robot);
-            let touched = knocked(&robot, 1, [0.0, 0.6e-3 * by_mm, 0.8e-3 * by_mm]);
-            let mut rests = rests_of(&touched, &mut tracker, 1, 4);
-            rests.extend(rests_of(&robot, &mut tracker, 30, 5));
-            let named = rests.iter().find_map(|rest| rest.named);
-            assert!(named.is_none(), "{by_mm} mm: {named:?}");
-        }
-    }
-
-    #[test]
-    fn a_hint_explains_what_a_free_anchor_does() {
-        let robot = eight_cable();
-        let tracker = settled(&robot);
-        let moved = knocked(&robot, 0, [1e-3, 1e-3, 0.0]);
-        let (measured, rubbing, near) = exact(&Model::new(&moved).unwrap(), PLACES[0]);
-        let look = Pending {
-            measured,
-            rubbing,
-            near,
-        };
-        let taken = tracker.taken(&tracker.now, &look).unwrap();
-        for cable in 0..8 {
-            let free = tracker.freed(Hypothesis(Moved::Anchor(cable + 1)));
-            let explained = taken.fit.squares - tracker.taken(&free, &look).unwrap().fit.squares;
-            let said = taken.hints[cable].explains(ANCHOR_M);
-            // Linearised at states that differ by a millimetre.
-            assert!(
-                (said - explained).abs() < 0.05 * explained.max(1.0),
-                "{said} {explained}"
-            );
-        }
-    }
-}
+mod tests;

@@ -248,6 +248,11 @@ impl Belief {
         }
     }
 
+    #[cfg(test)]
+    pub(crate) fn variance(&self, error: usize) -> f64 {
+        self.covariance[(error, error)]
+    }
+
     /// The same, with what is tracked in place of the errors that it concerns: `tracked` is their covariance about
     /// zero, with the other rows and columns empty. The lengths are those of the encoders, whatever the place where
     /// they were taken.

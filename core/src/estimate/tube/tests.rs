@@ -3,7 +3,7 @@
 use super::drives::Motion;
 use super::slopes::Instant;
 use super::*;
-use crate::motion::{Drift, Model, Step, path::Path};
+use crate::motion::{Drift, Model, StaticState, Step, path::Path};
 use crate::robot::Robot;
 use nalgebra::Vector3;
 
@@ -28,9 +28,12 @@ fn shifted(model: &Model, plan: &Plan, change: &dyn Fn(&mut Robot)) -> Vector3<f
 /// Where the tool of another machine hangs under what the plan commands at its end.
 fn hanging(other: &Model, model: &Model, plan: &Plan) -> Vector3<f64> {
     let rest = plan.state(plan.timed.duration_s()).unwrap();
-    let mut hanging = other
-        .rest_from_lengths(&rest.paid_out_m, rest.tensions_n())
-        .unwrap();
+    hanging_under(other, model, &rest, rest.tensions_n())
+}
+
+/// The same where the platform feels these tensions of the tension-held cables.
+fn hanging_under(other: &Model, model: &Model, rest: &StaticState, held_n: &[f64]) -> Vector3<f64> {
+    let mut hanging = other.rest_from_lengths(&rest.paid_out_m, held_n).unwrap();
     // The stretch of the first answer is that of the tensions given: again with its own.
     for _ in 0..20 {
         let tensions: Vec<f64> = (0..model.robot().cables.len())
@@ -38,7 +41,7 @@ fn hanging(other: &Model, model: &Model, plan: &Plan) -> Vector3<f64> {
                 if model.holding().by_length().contains(&i) {
                     hanging.tensions_n()[i]
                 } else {
-                    rest.tensions_n()[i]
+                    held_n[i]
                 }
             })
             .collect();
@@ -57,7 +60,7 @@ fn a_slope_is_what_statics_solved_again_say() {
     let rest = plan.state(end_s).unwrap();
     let errors = Errors { cables: 4 };
     let motion = Motion::none(4);
-    let rubbed = [0.0; 4];
+    let rubbed = [-0.5; 4];
     let (slopes, _) = Instant {
         model: &model,
         errors,
@@ -107,6 +110,15 @@ fn a_slope_is_what_statics_solved_again_say() {
             "creep of cable {cable}: {said} said, {moved} solved"
         );
     }
+    // The sensor sits before the pulley. Paid out at half of the friction's range, the platform feels more.
+    let mut felt_n = rest.tensions_n().to_vec();
+    felt_n[3] *= 1.0 + 0.5 * small;
+    let moved = (hanging_under(&model, &model, &rest, &felt_n) - before) / small;
+    let said = slopes.column(errors.loss(3)).into_owned();
+    assert!(
+        (moved - &said).norm() < 0.02 * moved.norm(),
+        "loss: {said} said, {moved} solved"
+    );
     check(errors.mass(), 0.01, &|robot| robot.platform.mass_kg += 0.01);
     for axis in 0..3 {
         check(errors.center() + axis, small, &|robot| {
