@@ -86,7 +86,7 @@ fn a_friction_is_off_by_as_much_as_is_said() {
 
 /// Drums that stand while tensions change: all of the way is stretch.
 #[test]
-fn a_friction_turned_by_stretch_is_off_by_as_much_as_is_said() {
+fn a_friction_turned_by_stiffness_is_off_by_as_much_as_is_said() {
     let mut robot = Robot::built_in("lab-fast").unwrap();
     // A routing that stretches by a pulley's travel under 15 N.
     let cable = &mut robot.cables[0];
@@ -119,4 +119,34 @@ fn a_way_back_that_no_count_shows_is_within_what_is_said() {
     }
     let off = f64::sqrt(squares / counted);
     assert!((0.6..1.1).contains(&off), "{off}");
+}
+
+/// A friction's slope by the stiffness is the difference that a slightly stiffer routing makes.
+#[test]
+fn a_slope_by_stiffness_is_a_difference() {
+    let stiff = Robot::built_in("lab-fast").unwrap();
+    let mut stiffer = stiff.clone();
+    let share = 1e-5;
+    stiffer.cables[0].ea_n *= 1.0 + share;
+    let start = |robot: &Robot| Pulleys::new(robot, &[0.6], &[10.0]);
+    let (mut pulleys, mut others) = (start(&stiff), start(&stiffer));
+    for (length_m, tension_n) in [(0.59, 14.0), (0.590_05, 2.0), (0.590_02, 9.0), (0.59, 30.0)] {
+        pulleys.turn(&stiff, &[length_m], &[tension_n]);
+        others.turn(&stiffer, &[length_m], &[tension_n]);
+        let by_stiffness = (others.0[0].side - pulleys.0[0].side) / share;
+        let said = pulleys.0[0].by_stiffness;
+        assert!(
+            (said - by_stiffness).abs() < 1e-3 * by_stiffness.abs() + 1e-9,
+            "{said} {by_stiffness}"
+        );
+    }
+    let squares = pulleys.rubbing()[0].unsure.powi(2);
+    let mut known = pulleys.clone();
+    known.0[0].by_stiffness = 0.0;
+    let without = known.rubbing()[0].unsure.powi(2);
+    let part = (STIFFNESS_SHARE * pulleys.0[0].by_stiffness).powi(2);
+    assert!(
+        (squares - without - part).abs() < 1e-9 && part > 1e-5,
+        "{part}"
+    );
 }
