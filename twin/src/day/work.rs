@@ -158,7 +158,8 @@ struct Running<'a> {
     look_m: Vector3<f64>,
     carried: bool,
     judged: bool,
-    last_named: Option<Named>,
+    /// The first that was named.
+    named: Option<Named>,
 }
 
 impl Work {
@@ -221,7 +222,7 @@ impl Work {
             look_m,
             carried: false,
             judged: true,
-            last_named: None,
+            named: None,
         };
         running.whole(progress).map_err(|error| match error {
             DayError::Plan { source, .. } => DayError::Plan {
@@ -409,7 +410,7 @@ impl Running<'_> {
         if let Some(report) = report {
             self.day.rests += 1;
             self.day.doubted += usize::from(!report.fits);
-            self.last_named = report.named;
+            self.named = self.named.or(report.named);
             if let (Some(named), true) = (report.named, self.judged) {
                 self.day.false_names.push((
                     self.at_s,
@@ -420,7 +421,26 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Knocks every anchor and the camera in turn, each on a copy of machine and robot, and looks twice.
+    /// Works until a look is due, and looks; ends where something is named.
+    fn work_and_look(&mut self) -> Result<(), DayError> {
+        let mut picks = true;
+        while self.named.is_none() && self.at_s - self.looked_s < self.work.look_every_s {
+            if picks {
+                self.pick()?;
+            } else {
+                self.circle()?;
+            }
+            picks = !picks;
+        }
+        if self.named.is_none() {
+            self.looked_s = self.at_s;
+            self.look()?;
+        }
+        Ok(())
+    }
+
+    /// Knocks every anchor and the camera in turn, each on a copy of machine and robot, which goes on with its work until it
+    /// has looked twice.
     fn try_knocks(&mut self) -> Result<(), DayError> {
         let cables = self.work.model.robot().cables.len();
         for which in 0..=cables {
@@ -433,6 +453,7 @@ impl Running<'_> {
                 random: Random::new(self.at_s.to_bits() ^ which as u64),
                 day: Day::default(),
                 judged: false,
+                named: None,
                 ..*self
             };
             let knock = if which < cables {
@@ -453,13 +474,12 @@ impl Running<'_> {
                 off_m: f64::NAN,
             };
             for looks in 1..=2 {
-                // Work goes on between looks, and every rest counts.
-                trial.last_named = None;
-                trial.circle()?;
-                if trial.last_named.is_none() {
-                    trial.look()?;
+                match trial.work_and_look() {
+                    // A cable went slack: a board would stop the robot.
+                    Err(DayError::Machine(_)) => break,
+                    other => other?,
                 }
-                if let Some(named) = trial.last_named {
+                if let Some(named) = trial.named {
                     result.looks = Some(looks);
                     result.right = named.what == what;
                     result.off_m = (named.by - by).norm();

@@ -1,14 +1,8 @@
-//! What moved, when a rest does not fit: one cause at a time is set free, and the likelihoods of all
-//! rests that wait are compared (Willsky and Jones, 1976, with the filter's own rows).
+//! What may move, how far, and how it is told.
 
-use super::gaussian::{Fit, Gaussian};
+use super::gaussian::Gaussian;
 use super::layout::Layout;
-use super::pulleys::Rubbing;
 use super::rows::vector;
-use super::{DOUBT_SIGMAS, Tracker};
-use crate::estimate::Measurements;
-use crate::estimate::region::chi2_quantile;
-use mcdpr_kinematics::Pose;
 use nalgebra::Vector3;
 
 /// A knock of an anchor is looked for within this, per axis, m.
@@ -16,13 +10,6 @@ pub(super) const ANCHOR_M: f64 = 5e-3;
 /// A bent bracket: shift, m, and turn, rad.
 const CAMERA_M: f64 = 5e-3;
 const CAMERA_RAD: f64 = 2e-2;
-/// The best cause is named if no other is more likely than a hundredth of it: ln(100).
-pub(super) const CLEARER: f64 = 4.6;
-/// One rest names nothing: something may have touched the platform. A second one must agree.
-const CONFIRMED: usize = 2;
-/// Rests that wait for an explanation, at most.
-pub(super) const MOST: usize = 4;
-
 /// Something that moved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Moved {
@@ -62,14 +49,7 @@ impl Named {
     }
 }
 
-/// A rest that did not fit.
-#[derive(Debug, Clone)]
-pub(super) struct Pending {
-    pub(super) measured: Measurements,
-    pub(super) rubbing: Vec<Rubbing>,
-    pub(super) near: Pose,
-}
-
+/// What may have moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hypothesis(pub(super) Moved);
 
@@ -109,48 +89,4 @@ impl Hypothesis {
         };
         vector(&to.mean, first) - vector(&from.mean, first)
     }
-}
-
-/// The cause of the rests that wait, if one is clear, and the states with it.
-pub(super) fn explain(tracker: &Tracker) -> (Option<Named>, Option<Gaussian>) {
-    if tracker.pending.len() < CONFIRMED {
-        return (None, None);
-    }
-    let mut causes: Vec<Moved> = (1..=tracker.layout.cables).map(Moved::Anchor).collect();
-    if tracker
-        .pending
-        .iter()
-        .any(|look| !look.measured.views.is_empty())
-    {
-        causes.push(Moved::Camera);
-    }
-    if tracker.loaded {
-        causes.push(Moved::Payload);
-    }
-    let mut found: Vec<(f64, Moved, Gaussian, Fit)> = Vec::new();
-    for what in causes {
-        let mut states = tracker.freed(Hypothesis(what));
-        let mut fit = Fit::default();
-        let explained = tracker.pending.iter().all(|look| {
-            tracker.taken(&states, look).is_some_and(|taken| {
-                states = taken.states;
-                fit = fit.with(taken.fit);
-                true
-            })
-        });
-        if explained {
-            found.push((fit.log_likelihood(), what, states, fit));
-        }
-    }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let second = found.get(1).map_or(f64::NEG_INFINITY, |f| f.0);
-    let Some((likelihood, what, states, fit)) = found.into_iter().next() else {
-        return (None, None);
-    };
-    let fits = fit.squares < chi2_quantile(fit.rows as f64, DOUBT_SIGMAS);
-    if !fits || likelihood - second < CLEARER {
-        return (None, None);
-    }
-    let by = Hypothesis(what).change(tracker.layout, &tracker.now, &states);
-    (Some(Named { what, by }), Some(states))
 }

@@ -37,8 +37,8 @@ use crate::robot::Robot;
 pub use estimates::{CableEstimate, Estimates, Known};
 use gaussian::{Fit, Gaussian};
 use hint::Hint;
+use judge::Reading;
 pub use kept::{Kept, KeptError};
-use knock::{Hypothesis, Pending};
 pub use knock::{Moved, Named};
 use layout::Layout;
 use mcdpr_kinematics::Pose;
@@ -68,7 +68,7 @@ const EIGHT_HOURS_S: f64 = 28_800.0;
 struct Taken {
     states: Gaussian,
     fit: Fit,
-    /// Of each anchor.
+    /// Of each anchor, and of the camera.
     hints: Vec<Hint>,
 }
 
@@ -84,7 +84,6 @@ pub struct Tracker {
     /// The states that plans use: they follow in small steps.
     planned: Vec<f64>,
     loaded: bool,
-    pending: Vec<Pending>,
     /// The last rests, which are judged together.
     recent: VecDeque<Recent>,
 }
@@ -139,7 +138,6 @@ impl Tracker {
             prior: *prior,
             at_home,
             loaded: false,
-            pending: Vec::new(),
             recent: VecDeque::new(),
         }
     }
@@ -178,17 +176,17 @@ impl Tracker {
     }
 
     /// The states after a rest, if they were `before` it.
-    fn taken(&self, before: &Gaussian, look: &Pending) -> Option<Taken> {
+    fn taken(&self, before: &Gaussian, reading: &Reading) -> Option<Taken> {
         let rest = Rest {
             robot: &self.robot,
             sigmas: &self.prior.rows,
-            measured: &look.measured,
-            rubbing: &look.rubbing,
+            measured: &reading.measured,
+            rubbing: &reading.rubbing,
             every_tension: true,
         };
         let mut hanging = Hanging {
-            pose: look.near,
-            tensions_n: look.measured.tensions_n.clone(),
+            pose: reading.near,
+            tensions_n: reading.measured.tensions_n.clone(),
         };
         let mut at = before.mean.clone();
         let mut result = None;
@@ -214,12 +212,11 @@ impl Tracker {
             }
         }
         let (lesson, linear) = result?;
-        let anchors: Vec<usize> = (0..self.layout.cables)
-            .map(|i| self.layout.anchor(i))
-            .collect();
+        let anchors = (0..self.layout.cables).map(|i| self.layout.anchor(i));
+        let movable: Vec<usize> = anchors.chain([self.layout.camera()]).collect();
         Some(Taken {
             fit: lesson.fit,
-            hints: linear.hints(&lesson, &anchors),
+            hints: linear.hints(&lesson, &movable),
             states: before.taught(lesson),
         })
     }
@@ -266,12 +263,5 @@ impl Tracker {
     #[must_use]
     pub const fn loaded(&self) -> bool {
         self.loaded
-    }
-
-    /// The states after a hypothesis is granted: what may have moved is free to move.
-    fn freed(&self, hypothesis: Hypothesis) -> Gaussian {
-        let mut now = self.now.clone();
-        hypothesis.free(self.layout, &mut now);
-        now
     }
 }

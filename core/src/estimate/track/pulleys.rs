@@ -39,8 +39,6 @@ struct Pulley {
     grain_m: f64,
     /// Standard deviation of a reading, m.
     reading_m: f64,
-    /// Of a way that no reading shows, m.
-    hidden_m: f64,
 }
 
 impl Pulley {
@@ -58,8 +56,6 @@ impl Pulley {
             grain_m,
             // Even within a count, or within what does not count as a way.
             reading_m: (count_m / 12.0_f64.sqrt()).max(grain_m / 3.0_f64.sqrt()),
-            // From anywhere to anywhere within a count.
-            hidden_m: (count_m / 6.0_f64.sqrt()).max(grain_m / 3.0_f64.sqrt()),
         }
     }
 
@@ -85,8 +81,8 @@ impl Pulley {
     }
 
     fn rubbing(&self) -> Rubbing {
-        // The cable may have gone either way since the last reading: mean square of both slopes.
-        let unseen = (1.0 + self.side * self.side).sqrt() / PRESLIDING_M * self.hidden_m;
+        // The cable may have gone half a count either way since the last reading: mean square of both slopes.
+        let unseen = (1.0 + self.side * self.side).sqrt() / PRESLIDING_M * self.reading_m;
         let squares = self.variance
             + unseen * unseen
             + (self.by_travel * PRESLIDING_SHARE).powi(2)

@@ -1,26 +1,36 @@
 //! Knocks that no single rest shows: the last rests are judged together.
 //!
-//! Each rest leaves a hint of how far each anchor may have moved: the score of its rows and its information. Where the hints
-//! of the last rests together would be rare without a knock, the filter is run again from before each of these rests, with one cause
-//! set free, and the likelihood of all that was measured since is compared with that of the filter as it ran (Willsky and Jones,
-//! 1976, with the ratio of marginal likelihoods in place of the generalised one). Without a knock that ratio exceeds e^s with a
-//! probability of e^-s at most, whatever the rows (Markov's inequality: its mean is 1), if the model is true.
+//! Each rest leaves a hint of how far each anchor and the camera may have moved: the score of its rows and its information.
+//! Where the hints of the last rests together would be rare without a knock, the filter is run again from before each of these
+//! rests, with one cause set free, and the likelihood of all that was measured since is compared with that of the filter as it
+//! ran (Willsky and Jones, 1976, with the ratio of marginal likelihoods in place of the generalised one). Without a knock that
+//! ratio exceeds e^s with a probability of e^-s at most, whatever the rows (Markov's inequality: its mean is 1), if the model is
+//! true.
 
 use super::Tracker;
 use super::gaussian::{Fit, Gaussian};
 use super::hint::Hint;
-use super::knock::{ANCHOR_M, CLEARER, Hypothesis, Moved, Named, Pending};
+use super::judge::Reading;
+use super::knock::{ANCHOR_M, Hypothesis, Moved, Named};
 use crate::estimate::region::chi2_quantile;
 use std::collections::VecDeque;
 
 /// Rests that are judged together.
-const WINDOW: usize = 6;
+const WINDOW: usize = 12;
+/// The last of them that saw something stay among them while others come and go: a camera shows in looks alone.
+const LOOKS: usize = 2;
+/// Unless more than this has happened since.
+const EVENTS: usize = 300;
 /// What hints explain together is looked into beyond this, chi-squared of three: 1.1 of 1,000 rests and anchors without a knock.
 const WORTH: f64 = 16.0;
 /// Logarithm of the ratio of likelihoods that names a cause. No rest of 320 undisturbed hours of two robots was worth a look
 /// (docs/results/day.md).
 const SURE: f64 = 12.0;
-/// The same without the rest that says most: something may have touched the platform in one rest.
+/// The best cause is named if no other is more likely than a hundredth of it: ln(100).
+const CLEARER: f64 = 4.6;
+/// Or by this share of what it explains, where that is more: rows are linearised.
+const CLEARER_SHARE: f64 = 0.02;
+/// The logarithm without the rest that says most: something may have touched the platform in one rest.
 const AGREED: f64 = 3.0;
 
 /// What happened to the states between two rests.
@@ -36,10 +46,16 @@ pub(super) enum Event {
 pub(super) struct Recent {
     before: Gaussian,
     loaded: bool,
-    look: Pending,
+    reading: Reading,
     fit: Fit,
     hints: Vec<Hint>,
     since: Vec<Event>,
+}
+
+impl Recent {
+    fn looked(&self) -> bool {
+        !self.reading.measured.views.is_empty()
+    }
 }
 
 /// A cause, what it makes likely, and the states with it.
@@ -59,59 +75,88 @@ impl Tracker {
     }
 
     /// Takes note of a rest with the states `before` it.
-    pub(super) fn remember(&mut self, before: Gaussian, look: Pending, fit: Fit, hints: Vec<Hint>) {
-        if self.recent.len() == WINDOW {
-            self.recent.pop_front();
-        }
+    pub(super) fn remember(
+        &mut self,
+        before: Gaussian,
+        reading: Reading,
+        fit: Fit,
+        hints: Vec<Hint>,
+    ) {
         self.recent.push_back(Recent {
             before,
             loaded: self.loaded,
-            look,
+            reading,
             fit,
             hints,
             since: Vec::new(),
         });
+        while self.recent.len() > WINDOW {
+            self.forget_one();
+        }
+    }
+
+    /// Forgets the oldest rest; or, where that is one of the last looks, the oldest rest without one. What happened after it
+    /// stays: a filter that is run again then knows less than it did, and finds causes less likely.
+    fn forget_one(&mut self) {
+        let looks = self.recent.iter().skip(1).filter(|rest| rest.looked());
+        let keeps = looks.count() < LOOKS;
+        let blind = self.recent.iter().position(|rest| !rest.looked());
+        let at = blind.unwrap_or(0);
+        let before = at.checked_sub(1).and_then(|k| self.recent.get(k));
+        if keeps && before.is_some_and(|rest| rest.since.len() < EVENTS) {
+            let after = self.recent.remove(at).map(|rest| rest.since);
+            if let Some(before) = self.recent.get_mut(at - 1) {
+                before.since.extend(after.into_iter().flatten());
+            }
+        } else {
+            self.recent.pop_front();
+        }
     }
 
     /// The one cause of what the last rests measured, if they leave no doubt, and the states with it.
     pub(super) fn seen_together(&self) -> Option<(Named, Gaussian)> {
-        if !self.is_worth_a_look() {
-            return None;
-        }
         let anchors = (1..=self.layout.cables).map(Moved::Anchor);
-        let looks = (self.recent.iter()).any(|rest| !rest.look.measured.views.is_empty());
-        let camera = looks.then_some(Moved::Camera);
-        let load = self.loaded.then_some(Moved::Payload);
-        let mut found: Vec<Found> = anchors
-            .chain(camera)
-            .chain(load)
-            .filter_map(|what| self.since_when(what))
+        let suspects: Vec<(Moved, Vec<usize>)> = (anchors.chain([Moved::Camera]).enumerate())
+            .map(|(hint, what)| (what, self.suspects(hint)))
             .collect();
+        let mut found: Vec<Found> = (suspects.iter())
+            .filter_map(|(what, onsets)| self.since_when(*what, onsets))
+            .collect();
+        // A load leaves no hint of its own: it is asked where another cause is likely, or no suspect explains the rests.
+        let unexplained = found.is_empty() && suspects.iter().any(|(_, onsets)| !onsets.is_empty());
+        if self.loaded && (unexplained || found.iter().any(|found| found.ratio > SURE)) {
+            let onsets: Vec<usize> = (0..self.recent.len().saturating_sub(1)).collect();
+            found.extend(self.since_when(Moved::Payload, &onsets));
+        }
         found.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
         let second = found.get(1).map_or(f64::NEG_INFINITY, |found| found.ratio);
         let best = found.into_iter().next()?;
-        let clear = best.agreed && best.ratio > SURE && best.ratio - second > CLEARER;
+        let clearer = best.ratio - second > CLEARER.max(CLEARER_SHARE * best.ratio);
+        let clear = best.agreed && best.ratio > SURE && clearer;
         clear.then_some((best.named, best.states))
     }
 
-    /// Whether the hints of at least two rests together are rare without a knock.
-    fn is_worth_a_look(&self) -> bool {
-        let mut sums = vec![Hint::none(); self.layout.cables];
-        for (count, rest) in (1..).zip(self.recent.iter().rev()) {
-            for (sum, hint) in sums.iter_mut().zip(&rest.hints) {
-                *sum = sum.with(hint);
-            }
-            if count > 1 && sums.iter().any(|sum| sum.explains(ANCHOR_M) > WORTH) {
-                return true;
+    /// Rests but the last since which the hints of one cause together are rare without it.
+    fn suspects(&self, hint: usize) -> Vec<usize> {
+        let mut sum = Hint::none();
+        let mut onsets = Vec::new();
+        for (onset, rest) in self.recent.iter().enumerate().rev() {
+            let Some(more) = rest.hints.get(hint) else {
+                continue;
+            };
+            sum = sum.with(more);
+            if onset + 1 < self.recent.len() && sum.explains(ANCHOR_M) > WORTH {
+                onsets.push(onset);
             }
         }
-        false
+        onsets
     }
 
-    /// A cause set free before each of the last rests but one: the most likely.
-    fn since_when(&self, what: Moved) -> Option<Found> {
-        let onsets = 0..self.recent.len().saturating_sub(1);
-        let all = onsets.filter_map(|onset| self.moved_before(what, onset));
+    /// A cause set free before each of these rests: the most likely.
+    fn since_when(&self, what: Moved, onsets: &[usize]) -> Option<Found> {
+        let all = onsets
+            .iter()
+            .filter_map(|onset| self.moved_before(what, *onset));
         all.max_by(|a, b| a.ratio.total_cmp(&b.ratio))
     }
 
@@ -150,7 +195,6 @@ impl Tracker {
             now: first.before.clone(),
             planned: self.planned.clone(),
             at_home: None,
-            pending: Vec::new(),
             recent: VecDeque::new(),
             ..*self
         };
@@ -158,7 +202,7 @@ impl Tracker {
         change(&mut again.now);
         let mut fits = Vec::new();
         for rest in self.recent.iter().skip(onset) {
-            let taken = again.taken(&again.now, &rest.look)?;
+            let taken = again.taken(&again.now, &rest.reading)?;
             fits.push(taken.fit);
             again.now = taken.states;
             for event in &rest.since {

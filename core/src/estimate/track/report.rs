@@ -11,8 +11,19 @@ pub struct Report {
     pub fits: bool,
     /// Sum of squared innovations over the value beyond which it is doubted.
     pub doubt: f64,
-    /// What moved, if this or an earlier rest did not fit and now one cause explains all.
+    /// What moved, if one cause explains the last rests and no other does.
     pub named: Option<Named>,
+}
+
+impl Report {
+    /// Of a rest that names nothing.
+    pub(super) fn of(doubt: f64) -> Self {
+        Self {
+            fits: doubt <= 1.0,
+            doubt,
+            named: None,
+        }
+    }
 }
 
 /// A payload as tracked.

@@ -96,15 +96,16 @@ fn a_hint_explains_what_a_free_anchor_does() {
     let tracker = settled(&robot);
     let moved = knocked(&robot, 0, [1e-3, 1e-3, 0.0]);
     let (measured, rubbing, near) = exact(&Model::new(&moved).unwrap(), PLACES[0]);
-    let look = Pending {
+    let reading = Reading {
         measured,
         rubbing,
         near,
     };
-    let taken = tracker.taken(&tracker.now, &look).unwrap();
+    let taken = tracker.taken(&tracker.now, &reading).unwrap();
     for cable in 0..8 {
-        let free = tracker.freed(Hypothesis(Moved::Anchor(cable + 1)));
-        let explained = taken.fit.squares - tracker.taken(&free, &look).unwrap().fit.squares;
+        let mut free = tracker.now.clone();
+        Hypothesis(Moved::Anchor(cable + 1)).free(tracker.layout, &mut free);
+        let explained = taken.fit.squares - tracker.taken(&free, &reading).unwrap().fit.squares;
         let said = taken.hints[cable].explains(ANCHOR_M);
         // Linearised at states that differ by a millimetre.
         assert!(
@@ -160,4 +161,57 @@ fn a_rest_that_does_not_fit_counts_among_the_last_and_a_homing_ends_them() {
     assert!(last(&tracker) > limit, "{} {limit}", last(&tracker));
     tracker.homed(&measured.lengths_m);
     assert!(tracker.recent.is_empty());
+}
+
+/// A camera shows in looks alone, and minutes of work lie between two.
+#[test]
+fn the_last_looks_stay_while_other_rests_come_and_go() {
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let mut tracker = Tracker::new(&model, &Prior::default());
+    let (measured, rubbing, near) = exact(&model, PLACES[0]);
+    let mut take = |looks: bool, times: usize| {
+        for _ in 0..times {
+            let mut measured = measured.clone();
+            if looks {
+                measured.views.push(crate::sight::TagView {
+                    id: 1,
+                    corners_px: [[0.0; 2]; 4],
+                    covariance_px2: [[[1.0, 0.0], [0.0, 1.0]]; 4],
+                    image_time_us: 0,
+                });
+            }
+            let reading = Reading {
+                measured,
+                rubbing: rubbing.clone(),
+                near,
+            };
+            tracker.remember(tracker.now.clone(), reading, Fit::default(), Vec::new());
+            tracker.pass(10.0, &[12.0; 4]);
+        }
+        let looks = tracker
+            .recent
+            .iter()
+            .map(Recent::looked)
+            .collect::<Vec<_>>();
+        let events: usize = tracker.recent.iter().map(|rest| rest.since.len()).sum();
+        (looks, events)
+    };
+    let blind = [false; WINDOW];
+    assert_eq!(take(false, 30), (blind.to_vec(), WINDOW));
+    let mut one = blind;
+    one[0] = true;
+    take(true, 1);
+    // All that has happened since the look is still known.
+    assert_eq!(take(false, 40), (one.to_vec(), 41));
+    let mut two = one;
+    two[1] = true;
+    take(true, 1);
+    assert_eq!(take(false, 40), (two.to_vec(), 82));
+    // A third look takes the place of the first.
+    take(true, 1);
+    assert_eq!(take(false, 40).0, two.to_vec());
+    // Looks of long ago go.
+    let (looks, events) = take(false, 1000);
+    assert_eq!(looks, blind.to_vec());
+    assert_eq!(events, WINDOW);
 }
