@@ -212,11 +212,10 @@ fn live_charts_show_what_is_chosen_and_the_band_is_about_the_planned_tension() {
 fn a_click_reaches_its_element_though_the_page_moves_under_it() {
     let _alone = alone();
     let mut browser = Browser::start();
-    let mut page = browser.open(
-        "data:text/html,<div style='height:90vh'><input type='checkbox' id='tick' style='position:relative'></div>",
-    );
+    let mut page = browser.open("about:blank");
     page.run(
-        "(() => { const e = document.getElementById('tick'); \
+        "(() => { document.body.innerHTML = \"<div style='height:90vh'><input type='checkbox' id='tick' style='position:relative'></div>\"; \
+         const e = document.getElementById('tick'); \
          e.addEventListener('mousedown', () => { e.style.left = '200px'; }, { once: true }); })()",
     );
     page.click("#tick");
