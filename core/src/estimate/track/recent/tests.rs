@@ -215,3 +215,36 @@ fn the_last_looks_stay_while_other_rests_come_and_go() {
     assert_eq!(looks, blind.to_vec());
     assert_eq!(events, WINDOW);
 }
+
+/// The same robot with a load below its gripper, as its own statics have it.
+fn loaded(robot: &Robot, load_kg: f64) -> Robot {
+    let mut heavy = robot.clone();
+    let at = heavy.tool.tcp_in_platform_m + Vector3::new(0.008, -0.006, -0.03);
+    let platform = &mut heavy.platform;
+    let whole_kg = platform.mass_kg + load_kg;
+    platform.center_of_mass_m =
+        (platform.center_of_mass_m * platform.mass_kg + at * load_kg) / whole_kg;
+    platform.mass_kg = whole_kg;
+    heavy
+}
+
+#[test]
+fn a_load_that_falls_or_loses_a_part_is_named_and_no_anchor_is_blamed() {
+    for name in ["lab-fast", "eight-cable"] {
+        let robot = Robot::built_in(name).unwrap();
+        let load_kg = 0.3 * robot.platform.mass_kg;
+        for left in [0.0, 0.6] {
+            let mut tracker = settled(&robot);
+            tracker.lift();
+            let carried = rests_of(&loaded(&robot, load_kg), &mut tracker, 4, 6);
+            assert!(carried.iter().all(|rest| rest.fits && rest.named.is_none()));
+            let after = loaded(&robot, left * load_kg);
+            let rests = rests_of(&after, &mut tracker, 4, 7);
+            let named = rests.iter().find_map(|rest| rest.named);
+            let named = named.unwrap_or_else(|| panic!("{name}: nothing is named: {rests:?}"));
+            assert_eq!(named.what, Moved::Payload, "{name}: {named:?}");
+            let lost_kg = (1.0 - left) * load_kg;
+            assert!((named.by.x / lost_kg + 1.0).abs() < 0.1, "{name}: {named:?} of {lost_kg} kg");
+        }
+    }
+}
