@@ -23,7 +23,7 @@ const LOOKS: usize = 2;
 const EVENTS: usize = 300;
 /// What hints explain together is looked into beyond this, chi-squared of three: 1.1 of 1,000 rests and anchors without a knock.
 const WORTH: f64 = 16.0;
-/// Logarithm of the ratio of likelihoods that names a cause. No rest of 320 undisturbed hours of two robots was worth a look
+/// Logarithm of the ratio of likelihoods that names a cause. Nothing was named in 640 undisturbed hours of two robots
 /// (docs/results/day.md).
 const SURE: f64 = 12.0;
 /// The best cause is named if no other is more likely than a hundredth of it: ln(100).
