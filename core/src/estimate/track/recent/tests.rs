@@ -244,7 +244,10 @@ fn a_load_that_falls_or_loses_a_part_is_named_and_no_anchor_is_blamed() {
             let named = named.unwrap_or_else(|| panic!("{name}: nothing is named: {rests:?}"));
             assert_eq!(named.what, Moved::Payload, "{name}: {named:?}");
             let lost_kg = (1.0 - left) * load_kg;
-            assert!((named.by.x / lost_kg + 1.0).abs() < 0.1, "{name}: {named:?} of {lost_kg} kg");
+            assert!(
+                (named.by.x / lost_kg + 1.0).abs() < 0.1,
+                "{name}: {named:?} of {lost_kg} kg"
+            );
         }
     }
 }
