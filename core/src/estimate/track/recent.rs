@@ -96,7 +96,7 @@ impl Tracker {
     }
 
     /// Forgets the oldest rest; or, where that is one of the last looks, the oldest rest without one. What happened after it
-    /// stays: a filter that is run again then knows less than it did, and finds causes less likely.
+    /// stays. A filter that is run again then knows less than it did; the mean of its ratio without a knock is still 1.
     fn forget_one(&mut self) {
         let looks = self.recent.iter().skip(1).filter(|rest| rest.looked());
         let keeps = looks.count() < LOOKS;

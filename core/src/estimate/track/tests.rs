@@ -29,6 +29,18 @@ pub(super) fn all_rub(model: &Model, side: f64) -> Vec<Rubbing> {
     vec![friction; model.robot().cables.len()]
 }
 
+/// A robot with a load below its gripper, as its own statics have it, and where the load is, platform's frame, m.
+pub(super) fn loaded(robot: &Robot, load_kg: f64) -> (Robot, Vector3<f64>) {
+    let mut heavy = robot.clone();
+    let at = heavy.tool.tcp_in_platform_m + Vector3::new(0.008, -0.006, -0.03);
+    let platform = &mut heavy.platform;
+    let whole_kg = platform.mass_kg + load_kg;
+    platform.center_of_mass_m =
+        (platform.center_of_mass_m * platform.mass_kg + at * load_kg) / whole_kg;
+    platform.mass_kg = whole_kg;
+    (heavy, at)
+}
+
 /// A tag, at a place in the world, as the robot's camera sees it from a pose with its bracket bent along the picture.
 fn seen(
     robot: &Robot,
@@ -121,13 +133,8 @@ fn a_payload_is_weighed_by_one_rest_and_forgotten_when_it_is_set_down() {
         tracker.rest(&measured, &rubbing, &near);
     }
     assert_eq!(tracker.load(), None);
-    // The same robot with 0.6 kg below its gripper, as its own statics have it.
-    let mut heavy = model.robot().clone();
-    let at = heavy.tool.tcp_in_platform_m + Vector3::new(0.008, -0.006, -0.03);
-    let mass = heavy.platform.mass_kg;
-    let center = heavy.platform.center_of_mass_m;
-    heavy.platform.mass_kg = mass + 0.6;
-    heavy.platform.center_of_mass_m = (center * mass + at * 0.6) / (mass + 0.6);
+    let (heavy, at) = loaded(model.robot(), 0.6);
+    let mass = model.robot().platform.mass_kg;
     let (measured, rubbing, near) = exact(&Model::new(&heavy).unwrap(), [0.05, 0.0, -0.1]);
     tracker.lift();
     assert!(tracker.rest(&measured, &rubbing, &near).fits);

@@ -86,7 +86,7 @@ fn a_friction_is_off_by_as_much_as_is_said() {
 
 /// Drums that stand while tensions change: all of the way is stretch.
 #[test]
-fn a_friction_turned_by_stiffness_is_off_by_as_much_as_is_said() {
+fn a_friction_turned_by_stretch_is_off_by_as_much_as_is_said() {
     let mut robot = Robot::built_in("lab-fast").unwrap();
     // A routing that stretches by a pulley's travel under 15 N.
     let cable = &mut robot.cables[0];

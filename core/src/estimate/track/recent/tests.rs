@@ -1,6 +1,6 @@
 //! Knocks by rests together, and the filter run again.
 
-use super::super::tests::{all_rub, exact};
+use super::super::tests::{all_rub, exact, loaded};
 use super::super::{Prior, Report};
 use super::*;
 use crate::motion::Model;
@@ -216,18 +216,6 @@ fn the_last_looks_stay_while_other_rests_come_and_go() {
     assert_eq!(events, WINDOW);
 }
 
-/// The same robot with a load below its gripper, as its own statics have it.
-fn loaded(robot: &Robot, load_kg: f64) -> Robot {
-    let mut heavy = robot.clone();
-    let at = heavy.tool.tcp_in_platform_m + Vector3::new(0.008, -0.006, -0.03);
-    let platform = &mut heavy.platform;
-    let whole_kg = platform.mass_kg + load_kg;
-    platform.center_of_mass_m =
-        (platform.center_of_mass_m * platform.mass_kg + at * load_kg) / whole_kg;
-    platform.mass_kg = whole_kg;
-    heavy
-}
-
 #[test]
 fn a_load_that_falls_or_loses_a_part_is_named_and_no_anchor_is_blamed() {
     for name in ["lab-fast", "eight-cable"] {
@@ -236,9 +224,9 @@ fn a_load_that_falls_or_loses_a_part_is_named_and_no_anchor_is_blamed() {
         for left in [0.0, 0.6] {
             let mut tracker = settled(&robot);
             tracker.lift();
-            let carried = rests_of(&loaded(&robot, load_kg), &mut tracker, 4, 6);
+            let carried = rests_of(&loaded(&robot, load_kg).0, &mut tracker, 4, 6);
             assert!(carried.iter().all(|rest| rest.fits && rest.named.is_none()));
-            let after = loaded(&robot, left * load_kg);
+            let (after, _) = loaded(&robot, left * load_kg);
             let rests = rests_of(&after, &mut tracker, 4, 7);
             let named = rests.iter().find_map(|rest| rest.named);
             let named = named.unwrap_or_else(|| panic!("{name}: nothing is named: {rests:?}"));
