@@ -28,8 +28,6 @@ const WORTH: f64 = 16.0;
 const SURE: f64 = 12.0;
 /// The best cause is named if no other is more likely than a hundredth of it: ln(100).
 const CLEARER: f64 = 4.6;
-/// Or by this share of what it explains, where that is more: rows are linearised.
-const CLEARER_SHARE: f64 = 0.02;
 /// The logarithm without the rest that says most: something may have touched the platform in one rest.
 const AGREED: f64 = 3.0;
 
@@ -131,8 +129,7 @@ impl Tracker {
         found.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
         let second = found.get(1).map_or(f64::NEG_INFINITY, |found| found.ratio);
         let best = found.into_iter().next()?;
-        let clearer = best.ratio - second > CLEARER.max(CLEARER_SHARE * best.ratio);
-        let clear = best.agreed && best.ratio > SURE && clearer;
+        let clear = best.agreed && best.ratio > SURE && best.ratio - second > CLEARER;
         clear.then_some((best.named, best.states))
     }
 
