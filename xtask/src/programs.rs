@@ -20,11 +20,17 @@ const ALONE: [&str; 10] = [
     "tracked_port",
 ];
 /// Programs that take longest: they begin first, so that none of them is left at the end.
-const LONG: [&str; 6] = [
+const LONG: [&str; 12] = [
     "camera",
     "picking",
     "docs",
     "collect",
+    "calibration",
+    "slip",
+    "doctor",
+    "any_robot",
+    "own_frame",
+    "power",
     "interruption",
     "dry_run",
 ];

@@ -23,36 +23,38 @@ const NEARER_N: f64 = 0.1;
 /// and opening them would slacken a cable that is nearly slack.
 pub(super) fn halt(reach: &Reach<'_>, samples: &[Measured]) -> Option<Halt> {
     let cables = 0..samples.last()?.tensions_n.len();
-    let swings = cables.clone().map(|cable| swing_n(samples, cable));
-    let swing_n = swings.fold(0.0, f64::max);
+    let swings_n: Vec<f64> = cables.clone().map(|k| swing_n(samples, k)).collect();
+    let (first, rest) = samples.split_at(MEAN.min(samples.len()));
+    let recent = samples.split_at(rest.len()).1;
     for cable in cables {
         let mean_n = |of: &[Measured]| {
             let tensions = of.iter().filter_map(|s| s.tensions_n.get(cable));
             tensions.sum::<f64>() / MEAN as f64
         };
-        let (first, rest) = samples.split_at(MEAN.min(samples.len()));
-        let (began_n, mean_n) = (mean_n(first), mean_n(samples.split_at(rest.len()).1));
+        let recent_n = mean_n(recent);
         // Where a pose was too near to a limit, the way out of it must stay open.
-        let nearer = !reach.beyond(cable, began_n)
-            || (mean_n - reach.middle_n(cable)).abs()
-                > (began_n - reach.middle_n(cable)).abs() + NEARER_N;
-        if !rest.is_empty() && reach.beyond(cable, mean_n) && nearer {
+        let nearer = || {
+            let (began_n, middle_n) = (mean_n(first), reach.middle_n(cable));
+            !reach.beyond(cable, began_n)
+                || (recent_n - middle_n).abs() > (began_n - middle_n).abs() + NEARER_N
+        };
+        if !rest.is_empty() && reach.beyond(cable, recent_n) && nearer() {
             return Some(Halt {
-                kind: if swing_n > STILL_N {
+                kind: if swings_n.iter().any(|swing_n| *swing_n > STILL_N) {
                     StopKind::Stop
                 } else {
                     StopKind::Hold
                 },
                 reason: format!(
-                    "cable {}'s tension came to {mean_n:.1} N on the way: the robot is built otherwise \
+                    "cable {}'s tension came to {recent_n:.1} N on the way: the robot is built otherwise \
                      than described",
                     cable + 1
                 ),
             });
         }
-        let swing_n = self::swing_n(samples, cable);
+        let swing_n = swings_n.get(cable).copied().unwrap_or(0.0);
         // A cable near its least tension has less room than that.
-        let slackens = swing_n > STILL_N && mean_n - swing_n < reach.least_n();
+        let slackens = swing_n > STILL_N && recent_n - swing_n < reach.least_n();
         if swing_n > SHAKING_N || slackens {
             return Some(Halt {
                 kind: StopKind::Stop,
