@@ -56,7 +56,7 @@ impl Tracker {
             let share_n = sigmas.tension_share * tension_n;
             covariance[(zero, zero)] += sigmas.tension_n.powi(2) + share_n * share_n;
         }
-        Belief::of(&planned, doubts).with_tracked(&covariance, "what is tracked")
+        Belief::of(&planned, doubts).with_tracked(&covariance, self.prior.homed, "what is tracked")
     }
 
     /// Errors of the tube as linear functions of the states, of a platform of this mass (kg) and centre of mass (platform's

@@ -8,6 +8,9 @@ pub(super) struct Gaussian {
     pub(super) mean: Vec<f64>,
     /// Row by row; symmetric.
     pub(super) covariance: Vec<f64>,
+    /// By how much each element of creep would be off if its retardation time were wrong by all of it, to first order,
+    /// strain: two values for each cable.
+    pub(super) mistimed: Vec<f64>,
 }
 
 /// Slopes lie in groups of this many rows: one multiplication of the processor takes two or four.
@@ -85,7 +88,11 @@ impl Gaussian {
         for (slot, sigma) in covariance.iter_mut().step_by(size + 1).zip(sigmas) {
             *slot = sigma * sigma;
         }
-        Self { mean, covariance }
+        Self {
+            mean,
+            covariance,
+            mistimed: Vec::new(),
+        }
     }
 
     pub(super) fn size(&self) -> usize {
@@ -106,6 +113,14 @@ impl Gaussian {
         if let Some(slot) = self.covariance.get_mut(state * size + state) {
             *slot += variance;
         }
+    }
+
+    /// Two independent states have this correlation now.
+    pub(super) fn tie(&mut self, [a, b]: [usize; 2], correlation: f64) {
+        let size = self.size();
+        let both = correlation * libm::sqrt(self.variance(a) * self.variance(b));
+        self.covariance[a * size + b] = both;
+        self.covariance[b * size + a] = both;
     }
 
     /// The state is known to be `value` within `sigma`, whatever it was.
@@ -271,6 +286,7 @@ impl Gaussian {
         Self {
             mean: lesson.mean,
             covariance,
+            mistimed: self.mistimed.clone(),
         }
     }
 

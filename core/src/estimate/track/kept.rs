@@ -24,6 +24,9 @@ pub struct Kept {
     /// Row by row.
     covariance: Vec<f64>,
     planned: Vec<f64>,
+    /// Absent in files of before: nothing has been mistimed then.
+    #[serde(default)]
+    mistimed: Vec<f64>,
 }
 
 /// Why kept states are not used.
@@ -98,6 +101,7 @@ impl Tracker {
             description: description_of(&self.robot),
             mean: bare.now.mean,
             covariance: bare.now.covariance,
+            mistimed: bare.now.mistimed,
             planned: bare.planned,
         }
     }
@@ -129,7 +133,15 @@ impl Tracker {
         {
             return damaged("its number of states is not that of this robot");
         }
-        let numbers = kept.mean.iter().chain(&kept.planned);
+        let mistimed = if kept.mistimed.is_empty() {
+            tracker.now.mistimed.clone()
+        } else {
+            kept.mistimed.clone()
+        };
+        if mistimed.len() != tracker.now.mistimed.len() {
+            return damaged("its number of creeping elements is not that of this robot");
+        }
+        let numbers = kept.mean.iter().chain(&kept.planned).chain(&mistimed);
         if numbers.chain(&kept.covariance).any(|x| !x.is_finite()) {
             return damaged("it has a number that is not finite");
         }
@@ -144,6 +156,7 @@ impl Tracker {
         tracker.now = Gaussian {
             mean: kept.mean.clone(),
             covariance: kept.covariance.clone(),
+            mistimed,
         };
         tracker.planned.clone_from(&kept.planned);
         Ok(tracker)
@@ -222,10 +235,11 @@ mod tests {
         let mut tuned = model.robot().clone();
         tuned.tension.kp *= 2.0;
         assert_eq!(of(&Model::new(&tuned).unwrap(), &kept), Ok(()));
-        let spoilt: [fn(&mut Kept); 5] = [
+        let spoilt: [fn(&mut Kept); 6] = [
             |kept| kept.mean[7] = f64::NAN,
             |kept| kept.covariance[0] = -1.0,
             |kept| kept.planned.truncate(3),
+            |kept| kept.mistimed.truncate(3),
             |kept| kept.covariance.push(0.0),
             |kept| kept.schema.push('2'),
         ];

@@ -126,6 +126,21 @@ impl Tracker {
             put(layout.camera() + 3 + axis, 0.0, prior.camera[1]);
         }
         let mut now = Gaussian::new(mean.clone(), &sigmas);
+        now.mistimed = vec![0.0; 2 * layout.cables];
+        // Cables of the same stiffness count as one rope: what creeps are two elements of each.
+        let rope = |i: usize| robot.cables.get(i).map(|cable| cable.ea_n);
+        let elements = (0..layout.cables).flat_map(|i| [(i, 0), (i, 1)]);
+        let elements: Vec<(usize, usize)> = elements.collect();
+        for (k, (i, one)) in elements.iter().enumerate() {
+            for (j, other) in elements
+                .iter()
+                .skip(k + 1)
+                .filter(|(j, _)| rope(*i) == rope(*j))
+            {
+                let ratios = [layout.creep_ratio(*i, *one), layout.creep_ratio(*j, *other)];
+                now.tie(ratios, prior.creep_alike);
+            }
+        }
         let at_home = prior.homed.then(|| home::slopes(model, layout));
         for (from, to, slope) in at_home.iter().flatten() {
             now.couple(*from, *to, *slope);
@@ -159,13 +174,19 @@ impl Tracker {
                 let keep = libm::exp(-seconds / retardation_s);
                 let gain = (1.0 - keep) * elastic;
                 let (state, ratio) = (layout.creep(i, element), layout.creep_ratio(i, element));
-                let before = self.now.mean[state];
+                let gap = self.now.mean[ratio] * elastic - self.now.mean[state];
                 self.now.mix(state, keep, ratio, gain);
                 self.planned[state] = keep * self.planned[state] + gain * self.planned[ratio];
-                // A wrong retardation time errs in the same direction for about that time.
-                let off = self.prior.creep_drift * (self.now.mean[state] - before);
-                let together = (retardation_s / seconds).max(1.0);
-                self.now.loosen(state, off * off * together);
+                // A wrong retardation time errs in the same direction for about that time: what it makes of the creep is
+                // followed, and adds to the variance as it grows.
+                let Some(mistimed) = self.now.mistimed.get_mut(2 * i + element) else {
+                    continue;
+                };
+                let left = keep * *mistimed;
+                *mistimed = left + keep * seconds / retardation_s * gap;
+                let grown = (mistimed.powi(2) - left * left).max(0.0);
+                self.now
+                    .loosen(state, self.prior.creep_drift.powi(2) * grown);
             }
             self.now.loosen(layout.offset(i), length);
             self.now.loosen(layout.zero(i), zero);

@@ -26,13 +26,15 @@ pub struct Prior {
     pub center_m: f64,
     /// Final creep at the tension set-point: mean and standard deviation, strain.
     pub creep: [f64; 2],
+    /// Correlation of the final creep of cables of one rope, and of its fast and its slow part.
+    pub creep_alike: f64,
     /// The camera's mounting: shift per axis, m, and turn, rad.
     pub camera: [f64; 2],
     /// Drift in eight hours: anchors and lengths, m.
     pub drift_m: f64,
     /// Drift of the tension sensors in eight hours, N.
     pub drift_n: f64,
-    /// Error of the model's rate of creep, as a share of it.
+    /// Error of each retardation time of creep, as a share of it.
     pub creep_drift: f64,
     /// Errors of each rest.
     pub rows: RowSigmas,
@@ -58,6 +60,7 @@ impl Default for Prior {
             mass: 0.012,
             center_m: 6e-4,
             creep: [0.0015, 0.0015],
+            creep_alike: 0.88,
             camera: [1e-4, 2e-4],
             drift_m: 1e-4,
             drift_n: 0.15,

@@ -167,3 +167,59 @@ fn a_state_that_follows_others_has_their_covariance_though_they_are_correlated()
         );
     }
 }
+
+/// A wrong retardation time makes of the creep what the derivative of its law says, however time is divided.
+#[test]
+fn a_wrong_retardation_time_is_followed_as_far_as_it_goes() {
+    let model = Model::new(&Robot::built_in("eight-cable").unwrap()).unwrap();
+    let prior = Prior {
+        creep: [0.003, 0.0],
+        ..Prior::default()
+    };
+    let tension_n = model.robot().tension.setpoint_n;
+    for (element, retardation_s) in [300.0_f64, 7200.0].into_iter().enumerate() {
+        let last_strain = [0.4, 0.6][element] * 0.003;
+        for (time_s, steps) in [(10.0, 10), (300.0, 30), (300.0, 300), (3600.0, 360)] {
+            let mut tracker = Tracker::new(&model, &prior);
+            for _ in 0..steps {
+                tracker.pass(time_s / f64::from(steps), &[tension_n; 8]);
+            }
+            // Of c (1 - e^(-t / T)) by ln T: c t / T e^(-t / T).
+            let share = time_s / retardation_s;
+            let off = last_strain * share * libm::exp(-share) * prior.creep_drift;
+            let sigma = tracker
+                .now
+                .variance(tracker.layout.creep(2, element))
+                .sqrt();
+            assert!(
+                (sigma / off - 1.0).abs() < 0.02,
+                "element {element} after {time_s} s in {steps} steps: {sigma} {off}"
+            );
+        }
+    }
+}
+
+/// What one cable is known to creep says how others of its rope creep, and nothing of another rope.
+#[test]
+fn cables_of_one_rope_creep_alike() {
+    let mut robot = Robot::built_in("eight-cable").unwrap();
+    robot.cables[3].ea_n *= 2.0;
+    let model = Model::new(&robot).unwrap();
+    let prior = Prior::default();
+    let tracker = Tracker::new(&model, &prior);
+    let size = tracker.layout.size();
+    let correlation = |i: [usize; 2], j: [usize; 2]| {
+        let [i, j] = [i, j].map(|[cable, element]| tracker.layout.creep_ratio(cable, element));
+        let both = tracker.now.covariance[i * size + j];
+        both / (tracker.now.variance(i) * tracker.now.variance(j)).sqrt()
+    };
+    for other in [[0, 1], [1, 0], [7, 1]] {
+        let found = correlation([0, 0], other);
+        assert!(
+            (found - prior.creep_alike).abs() < 1e-12,
+            "{other:?}: {found}"
+        );
+    }
+    assert_eq!(correlation([0, 0], [3, 0]), 0.0);
+    assert!((correlation([3, 0], [3, 1]) - prior.creep_alike).abs() < 1e-12);
+}

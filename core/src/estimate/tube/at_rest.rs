@@ -28,6 +28,7 @@ impl Belief {
             rest,
             home: home.as_ref(),
             home_m: self.doubts.home_m,
+            tracked: self.tracked,
             rubbed: &vec![1.0; cables],
             motion: &Motion::none(cables),
         }

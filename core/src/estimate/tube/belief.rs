@@ -1,5 +1,6 @@
 //! What is known of a machine, and how well.
 
+use super::doubts::{Doubts, UNIFORM};
 use crate::motion::{Model, PlanError, StaticState};
 use crate::robot::Robot;
 use mcdpr_kinematics::{CablePath, CableVec, GRAVITY_MPS2};
@@ -9,97 +10,8 @@ use nalgebra::{DMatrix, DVector};
 pub(super) const PER_CABLE: usize = 15;
 /// Unknown errors of the whole machine.
 const SHARED: usize = 12;
-
-/// What is not known of a machine: standard deviations about its description. Errors with a known sign
-/// count by their root mean square.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Doubts {
-    /// Anchors, per axis, m.
-    pub anchor_m: f64,
-    /// Attachments, per axis, m.
-    pub attachment_m: f64,
-    /// Radius of each pulley, m.
-    pub radius_m: f64,
-    /// Paid-out lengths beyond what the home place says, each, m.
-    pub length_m: f64,
-    /// The place at home where the lengths were taken, per axis, m.
-    pub home_m: f64,
-    /// Radius of each drum, relative.
-    pub drum: f64,
-    /// Stiffness EA of each cable, relative.
-    pub compliance: f64,
-    /// Gain of each tension sensor, relative.
-    pub gain: f64,
-    /// Zero and remaining noise of each tension sensor, N.
-    pub zero_n: f64,
-    /// Tension lost at each pulley, beyond what the file says, as a share.
-    pub loss: f64,
-    /// Mass, relative.
-    pub mass: f64,
-    /// Centre of mass, per axis, m.
-    pub center_m: f64,
-    /// Force that no model has, per axis, share of the weight.
-    pub force: f64,
-    /// Moment that no model has, per axis, over the weight, m.
-    pub moment_m: f64,
-    /// A load that the plan does not know, at the tool, up to this mass, kg.
-    pub payload_kg: f64,
-    /// Bandwidth of each drive, relative.
-    pub bandwidth: f64,
-    /// Time by which the readings of all drives are late or early together, s.
-    pub late_s: f64,
-    /// Standard deviation of the swing over the amplitude that a plan excites by the platform's natural modes.
-    pub swing: f64,
-    /// Time in which a swing dies away to 1/e, s.
-    pub swing_s: f64,
-}
-
-/// A uniform error of half width 1 as a standard deviation: one over the root of three.
-const UNIFORM: f64 = 0.577_350_269_189_625_8;
-/// A sine of amplitude 1 stays within 0.997 for 95 % of the time: a normal distribution of this standard deviation within 1.
-const SINE: f64 = 0.51;
-/// Readings of drives are used as if they were half a tick old, beside whole ticks: any age within the tick, s.
-const LATE_S: f64 = 5e-4 * UNIFORM;
-/// Time in which a swing dies away, s. Nothing is known of a real platform's.
-const SWING_S: f64 = 30.0;
-
-impl Doubts {
-    /// A machine whose anchors were measured with a tape, within 5 mm.
-    #[must_use]
-    pub const fn by_tape() -> Self {
-        Self::within(5e-3)
-    }
-
-    /// A machine that is known by its robot file, its anchors within this half width, m: 5 mm by a tape
-    /// measure, 0.3 mm surveyed.
-    ///
-    /// Half widths of 0.1 mm for attachments, 0.05 mm for the radii of pulleys, 1 mm for the centre of mass, 2 % of mass
-    /// and of tension at the pulleys, 20 % of stiffness and bandwidth, 1 % of a sensor's gain.
-    #[must_use]
-    pub const fn within(anchors_m: f64) -> Self {
-        Self {
-            anchor_m: anchors_m * UNIFORM,
-            attachment_m: 1e-4 * UNIFORM,
-            radius_m: 5e-5 * UNIFORM,
-            length_m: 3e-5,
-            home_m: 0.0,
-            drum: 0.0,
-            compliance: 0.2 * UNIFORM,
-            gain: 0.01 * UNIFORM,
-            zero_n: 0.02,
-            loss: 0.02,
-            mass: 0.02 * UNIFORM,
-            center_m: 1e-3 * UNIFORM,
-            force: 0.0,
-            moment_m: 0.0,
-            payload_kg: 0.0,
-            bandwidth: 0.2 * UNIFORM,
-            late_s: LATE_S,
-            swing: SINE,
-            swing_s: SWING_S,
-        }
-    }
-}
+/// Pulleys of one build lose alike: correlation of their losses.
+const LOSSES_ALIKE: f64 = 0.9;
 
 /// Order of the errors in a covariance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -171,7 +83,7 @@ impl Errors {
         self.cables * PER_CABLE
     }
     /// Whether the tracker of slow changes has this error among its states.
-    const fn is_tracked(self, error: usize) -> bool {
+    pub(super) const fn is_tracked(self, error: usize) -> bool {
         if error < self.shared() {
             matches!(error % PER_CABLE, 0..=2 | 6 | 8..=10 | 12 | 14)
         } else {
@@ -216,6 +128,8 @@ pub struct Belief {
     pub(super) doubts: Doubts,
     /// Whether the lengths were taken at home: their errors are then those of the geometry there.
     pub(super) homed: bool,
+    /// Whether slow changes are tracked: what a tracked error does at home is then in the tracked lengths.
+    pub(super) tracked: bool,
     /// In words, for reports.
     pub(super) source: String,
 }
@@ -234,16 +148,21 @@ impl Belief {
                 covariance: others,
                 doubts: *doubts,
                 homed: true,
+                tracked: false,
                 source: "the robot file alone".to_owned(),
             };
         };
-        for k in 0..covariance.nrows() {
-            covariance[(k, k)] += others[(k, k)] * f64::from(u8::from(covariance[(k, k)] <= 0.0));
+        let open: Vec<usize> = (0..covariance.nrows())
+            .filter(|k| covariance[(*k, *k)] <= 0.0)
+            .collect();
+        for (i, j) in open.iter().flat_map(|i| open.iter().map(move |j| (*i, *j))) {
+            covariance[(i, j)] = others[(i, j)];
         }
         Self {
             covariance,
             doubts: *doubts,
             homed: false,
+            tracked: false,
             source: format!("the calibration of {}", known.date),
         }
     }
@@ -254,9 +173,14 @@ impl Belief {
     }
 
     /// The same, with what is tracked in place of the errors that it concerns: `tracked` is their covariance about
-    /// zero, with the other rows and columns empty. The lengths are those of the encoders, whatever the place where
-    /// they were taken.
-    pub(crate) fn with_tracked(mut self, tracked: &DMatrix<f64>, source: &str) -> Self {
+    /// zero, with the other rows and columns empty. The tracked lengths contain what tracked errors do where the lengths were
+    /// taken. If that was at home (`homed`), they contain what the other errors do there as well.
+    pub(crate) fn with_tracked(
+        mut self,
+        tracked: &DMatrix<f64>,
+        homed: bool,
+        source: &str,
+    ) -> Self {
         let errors = Errors {
             cables: (self.covariance.nrows() - SHARED) / PER_CABLE,
         };
@@ -275,7 +199,8 @@ impl Belief {
                 self.covariance[(i, j)] = tracked[(i, j)];
             }
         }
-        self.homed = false;
+        self.homed &= homed;
+        self.tracked = true;
         self.source = source.to_owned();
         self
     }
@@ -327,7 +252,21 @@ fn spread(robot: &Robot, doubts: &Doubts) -> DMatrix<f64> {
         sigmas[errors.moment() + axis] = doubts.moment_m * weight_n;
     }
     let variances = sigmas.iter().map(|sigma| sigma * sigma);
-    DMatrix::from_diagonal(&DVector::from_iterator(errors.count(), variances))
+    let mut covariance = DMatrix::from_diagonal(&DVector::from_iterator(errors.count(), variances));
+    let lag_s = |i: usize| {
+        robot
+            .winch_of(i)
+            .map_or(0.0, |winch| 1.0 / winch.drive_bandwidth_rad_s)
+    };
+    let pairs = (0..errors.cables).flat_map(|i| (0..errors.cables).map(move |j| (i, j)));
+    for (i, j) in pairs {
+        // Drives of one kind are late together.
+        covariance[(errors.late(i), errors.late(j))] += doubts.loops.powi(2) * lag_s(i) * lag_s(j);
+        if i != j {
+            covariance[(errors.loss(i), errors.loss(j))] = LOSSES_ALIKE * doubts.loss.powi(2);
+        }
+    }
+    covariance
 }
 
 #[cfg(test)]
@@ -350,7 +289,7 @@ mod tests {
         belief.covariance[(radius, length)] = -apart_m * apart_m;
         let other_m2 = belief.covariance[(errors.radius(0), errors.radius(0))];
         let nothing = DMatrix::zeros(errors.count(), errors.count());
-        let tracked = belief.with_tracked(&nothing, "a test").covariance;
+        let tracked = belief.with_tracked(&nothing, false, "a test").covariance;
         let left_m = tracked[(radius, radius)].sqrt();
         assert!((left_m / sum_m - 1.0).abs() < 1e-6, "{left_m}");
         assert_eq!(tracked[(errors.radius(0), errors.radius(0))], other_m2);

@@ -13,16 +13,20 @@
 mod at_rest;
 mod balance;
 mod belief;
+mod doubts;
 mod drives;
 mod slopes;
 mod swing;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tied_tests;
 
 use super::region::radius_95_m;
 use crate::motion::{Plan, PlanError};
 use belief::PER_CABLE;
-pub use belief::{Belief, Doubts, Errors};
+pub use belief::{Belief, Errors};
+pub use doubts::Doubts;
 use drives::Drives;
 use nalgebra::{DMatrix, Matrix3, Matrix6};
 use serde::Serialize;
@@ -116,6 +120,7 @@ impl Tube {
                 rest: &rest,
                 home: home.as_ref(),
                 home_m: belief.doubts.home_m,
+                tracked: belief.tracked,
                 rubbed: &rubbed,
                 motion: &motion,
             }

@@ -32,6 +32,8 @@ pub(super) struct Instant<'a> {
     /// Where the lengths were taken.
     pub(super) home: Option<&'a AtHome>,
     pub(super) home_m: f64,
+    /// Whether lengths and what else changes slowly are tracked.
+    pub(super) tracked: bool,
     /// Dahl's friction of each pulley: 1 hauled in, -1 paid out.
     pub(super) rubbed: &'a [f64],
     pub(super) motion: &'a Motion,
@@ -118,7 +120,8 @@ impl Instant<'_> {
             slopes.set_column(k, &-(adjoint.transpose() * residual));
         }
         let mut at_home = DMatrix::zeros(values, values);
-        if let Some((home, _)) = self.home {
+        // Tracked lengths contain what the place at home was off.
+        if let Some((home, _)) = self.home.filter(|_| !self.tracked) {
             for axis in 0..3 {
                 let mut residual = DVector::zeros(rows);
                 for &i in by_length {
@@ -216,7 +219,9 @@ impl Instant<'_> {
         }
         let paid_out_m = *self.rest.paid_out_m.get(i)?;
         let path = balance.paths.get(i)?;
-        let at_home = self.home.and_then(|(paths, rest)| {
+        let home = self.home;
+        let home = home.filter(|_| !(self.tracked && self.errors.is_tracked(kind)));
+        let at_home = home.and_then(|(paths, rest)| {
             let tension = *rest.tensions_n().get(i)?;
             Some((paths.get(i)?, rest, tension, *rest.paid_out_m.get(i)?))
         });
@@ -243,6 +248,11 @@ impl Instant<'_> {
             }
             11 => *self.motion.unled_mps.get(i)?,
             12 => -(paid_out_m + cable.routing_length_m),
+            // Before the pulley the cable is pulled more by what rubs there, and stretched more, while it is hauled in.
+            LOSS => {
+                let rubbed = self.rubbed.get(i).copied().unwrap_or(0.0);
+                -cable.routing_length_m * at_rest * rubbed
+            }
             RADIUS => {
                 let there = at_home.map_or(0.0, |(home, ..)| longer_by_radius(home));
                 longer_by_radius(path) - there

@@ -6,7 +6,7 @@
 //! is known. Of the rest the amplitude in each natural mode counts: the phase is lost within some periods, since frequencies
 //! are known to some percent only.
 
-use super::belief::Doubts;
+use super::doubts::Doubts;
 use crate::estimate::region::tool_per_pose;
 use crate::motion::{Model, PlanError, StaticState};
 use crate::robot::TensionOutput;

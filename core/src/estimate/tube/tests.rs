@@ -67,6 +67,7 @@ fn a_slope_is_what_statics_solved_again_say() {
         rest: &rest,
         home: None,
         home_m: 0.0,
+        tracked: false,
         rubbed: &rubbed,
         motion: &motion,
     }
@@ -252,6 +253,7 @@ fn a_tension_held_drum_that_is_late_is_an_error_of_its_tension() {
             rest: &rest,
             home: None,
             home_m: 0.0,
+            tracked: false,
             rubbed: &[0.0; 4],
             motion,
         };
