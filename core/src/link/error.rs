@@ -57,6 +57,16 @@ pub enum ClientError {
         /// What to do.
         remedy: &'static str,
     },
+    /// The board answered a request with what belongs to another one.
+    #[error("the board's answer to {request} is that to another request")]
+    #[diagnostic(
+        code(mcdpr::board::answer),
+        help("nothing is assumed from it: give the command again; if it comes back, report it")
+    )]
+    Answer {
+        /// What was asked.
+        request: String,
+    },
     /// The board refused a request.
     #[error("the board refused {request}: {}", describe_reject(reject))]
     #[diagnostic(code(mcdpr::board::refused), help("{}", reject_advice(reject)))]

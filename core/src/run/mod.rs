@@ -26,7 +26,7 @@ pub use stream::{Halt, Progress, follow, follow_watched};
 
 use crate::control::Order;
 use crate::diagnosis::Diagnosis;
-use crate::faults::{advice, describe_fault};
+use crate::faults::{advice, describe_fault, request_name};
 use crate::link::{Client, ClientError, Link};
 use crate::machine::{self, OutOfRange};
 use crate::motion::{Model, Plan, PlanError, Planner};
@@ -173,7 +173,10 @@ impl RunError {
 pub fn status<L: Link>(client: &mut Client<L>) -> Result<Status, RunError> {
     match client.request(Request::Status)? {
         Reply::Status(status) => Ok(status),
-        _ => Ok(Status::default()),
+        _ => Err(ClientError::Answer {
+            request: request_name(&Request::Status),
+        }
+        .into()),
     }
 }
 

@@ -52,8 +52,8 @@ pub(super) const UNIFORM: f64 = 0.577_350_269_189_625_8;
 const SINE: f64 = 0.51;
 /// Readings of drives are used as if they were half a tick old, beside whole ticks: any age within the tick, s.
 const LATE_S: f64 = 5e-4 * UNIFORM;
-/// A speed loop three to five times as fast as the position loop around it, the usual tuning of a cascade, and a current
-/// loop within: drives follow later by a third of the position loop's time constant.
+/// A speed loop at least three times as fast as the position loop around it, the usual rule of cascades, and a current loop
+/// within: drives follow later by a third of the position loop's time constant.
 const LOOPS: f64 = 0.35;
 /// Time in which a swing dies away, s. Nothing is known of a real platform's.
 const SWING_S: f64 = 30.0;

@@ -34,8 +34,7 @@ impl<L: Link> Client<L> {
             self.next = first.next();
             first
         } else {
-            self.aside_count = (self.aside_count + 1) % FAR;
-            SequenceNumber(self.next.0.wrapping_add(FAR).wrapping_add(self.aside_count))
+            self.number_beside()
         };
         let now = self.link.now_us();
         self.transmit(sequence, &request)?;
@@ -46,6 +45,13 @@ impl<L: Link> Client<L> {
             first_us: now,
         });
         Ok(())
+    }
+
+    /// A number for a request besides the sequence, far from those of the window. Each request has its own: a board that
+    /// answers late is asked again, and its second answer is none to the next request.
+    pub(super) const fn number_beside(&mut self) -> SequenceNumber {
+        self.aside_count = (self.aside_count + 1) % FAR;
+        SequenceNumber(self.next.0.wrapping_add(FAR).wrapping_add(self.aside_count))
     }
 
     /// The outcome of the next answered request of [`Client::post`].

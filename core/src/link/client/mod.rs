@@ -346,15 +346,14 @@ impl<L: Link> Client<L> {
     /// An idempotent request: sent again until it is answered.
     fn ask(&mut self, request: Request) -> Result<Reply, ClientError> {
         let name = request_name(&request);
-        // Opening sets the first number of the sequence. Other numbers only distinguish answers,
-        // and stay far from those of the window.
+        // Opening sets the first number of the sequence. Other numbers only distinguish answers.
         let sequence = match request {
             Request::Open => {
                 let first = self.next;
                 self.next = first.next();
                 first
             }
-            _ => SequenceNumber(self.next.0 ^ 0x8000),
+            _ => self.number_beside(),
         };
         let give_up = self.link.now_us() + GIVE_UP_US;
         loop {
