@@ -376,7 +376,8 @@ mod tests {
                     assert!((plan - read).abs() < 3e-5, "{name}: {plan} {read}");
                 }
                 let by_mm = lesson.step_mm;
-                assert!(second == 0 || by_mm > 0.1, "{name}: {by_mm}");
+                // A strain that all cables share moves the tool of eight-cable little.
+                assert!(second == 0 || by_mm > 0.05, "{name}: {by_mm}");
             }
         }
     }
