@@ -179,9 +179,7 @@ impl Tracker {
                 self.planned[state] = keep * self.planned[state] + gain * self.planned[ratio];
                 // A wrong retardation time errs in the same direction for about that time: what it makes of the creep is
                 // followed, and adds to the variance as it grows.
-                let Some(mistimed) = self.now.mistimed.get_mut(2 * i + element) else {
-                    continue;
-                };
+                let mistimed = &mut self.now.mistimed[2 * i + element];
                 let left = keep * *mistimed;
                 *mistimed = left + keep * seconds / retardation_s * gap;
                 let grown = (mistimed.powi(2) - left * left).max(0.0);
