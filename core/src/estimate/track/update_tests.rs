@@ -52,7 +52,10 @@ fn an_update_is_least_squares() {
     let squares = (off.transpose() * spread.clone().try_inverse().unwrap() * &off)[0];
     assert!((lesson.fit.squares - squares).abs() < 1e-9 * squares);
     assert!((lesson.fit.log_volume - spread.determinant().ln()).abs() < 1e-9);
+    states.mistimed = vec![1e-4, 2e-4];
     states = states.taught(lesson);
+    // A rest does not tell of retardation times.
+    assert_eq!(states.mistimed, [1e-4, 2e-4]);
     for i in 0..n {
         assert!((states.mean[i] - want[i]).abs() < 1e-9);
         for j in 0..n {

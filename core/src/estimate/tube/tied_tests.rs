@@ -3,8 +3,9 @@
 use super::drives::Motion;
 use super::slopes::Instant;
 use super::*;
+use crate::estimate::track::{Prior, Tracker};
 use crate::motion::{Model, StaticState};
-use crate::robot::Robot;
+use crate::robot::{Calibrated, Robot};
 
 const STILL: f64 = 0.0;
 
@@ -102,5 +103,44 @@ fn tracked_lengths_contain_what_attachments_do_at_home() {
         let belief = belief.with_tracked(&nothing, homed, "a test");
         assert_eq!(belief.home(&model).unwrap().is_some(), homed);
         assert!(belief.tracked);
+        let prior = Prior {
+            homed,
+            ..Prior::default()
+        };
+        let tracker = Tracker::new(&model, &prior);
+        let belief = tracker.belief(0.0, rest.tensions_n(), &Doubts::by_tape());
+        assert_eq!(belief.homed, homed);
     }
+}
+
+/// Errors that a calibration does not estimate are as tied as without one.
+#[test]
+fn what_a_calibration_leaves_open_keeps_its_correlations() {
+    let (model, _, errors) = eight_cable();
+    let mut robot = model.robot().clone();
+    let mut known = DMatrix::zeros(errors.count(), errors.count());
+    known[(errors.mass(), errors.mass())] = 1e-6;
+    robot.calibrated = Some(Box::new(Calibrated {
+        designed: robot.clone(),
+        places: Vec::new(),
+        simulated_seed: None,
+        simulated_machine: None,
+        date: String::new(),
+        predicted_error_m: None,
+        home_lengths_m: vec![0.0; 8],
+        drum_scales: vec![1.0; 8],
+        covariance: None,
+        errors: Some(known),
+        file: std::path::PathBuf::new(),
+    }));
+    let of_file = Belief::of(model.robot(), &Doubts::by_tape()).covariance;
+    let calibrated = Belief::of(&robot, &Doubts::by_tape()).covariance;
+    for (a, b) in [
+        (errors.loss(0), errors.loss(5)),
+        (errors.late(0), errors.late(5)),
+    ] {
+        assert!(calibrated[(a, b)] > 0.0);
+        assert_eq!(calibrated[(a, b)], of_file[(a, b)]);
+    }
+    assert_eq!(calibrated[(errors.mass(), errors.mass())], 1e-6);
 }
