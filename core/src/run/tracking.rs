@@ -4,7 +4,7 @@
 use super::Measured;
 use crate::estimate::Measurements;
 use crate::estimate::friction::{Friction, Frictions, Ticked};
-use crate::estimate::track::{Kept, KeptError, Load, Prior, Pulleys, Tracker};
+use crate::estimate::track::{Kept, KeptError, Load, Prior, Pulleys, Rubbing, Tracker};
 use crate::estimate::tube::{Belief, Doubts};
 use crate::link::client::Row;
 use crate::motion::{Model, PlanError};
@@ -192,7 +192,8 @@ impl Tracking {
         } else {
             self.last_n.clone()
         };
-        self.tracker.belief(seconds, &tensions_n, doubts)
+        self.tracker
+            .belief(seconds, &self.felt_n(&tensions_n), doubts)
     }
 
     /// The payload, if there is one.
@@ -233,7 +234,7 @@ impl Tracking {
         let seconds = self.seconds_to(rest.now_us);
         let mean_n = self.mean_n(&rest.tensions_n);
         if seconds > 0.0 {
-            self.tracker.pass(seconds, &mean_n);
+            self.tracker.pass(seconds, &self.felt_n(&mean_n));
         }
         if std::mem::take(&mut self.homed) {
             self.tracker.homed(&rest.lengths_m);
@@ -289,6 +290,18 @@ impl Tracking {
     fn seconds_to(&mut self, now_us: u64) -> f64 {
         let last_us = self.last_us.replace(now_us).unwrap_or(now_us);
         now_us.saturating_sub(last_us) as f64 * 1e-6
+    }
+
+    /// What the platform feels while the sensors show this, N; the friction of pulleys cancels out on a way.
+    fn felt_n(&self, readings_n: &[f64]) -> Vec<f64> {
+        let free = Rubbing {
+            side: 0.0,
+            unsure: 0.0,
+        };
+        let pairs = readings_n.iter().enumerate();
+        pairs
+            .map(|(cable, shown_n)| self.tracker.felt_n(cable, *shown_n, free))
+            .collect()
     }
 
     /// Mean of the tensions since the last rest, N: they make the cables creep. Without a motion those of now.

@@ -31,12 +31,12 @@ pub(super) struct Side {
     /// Measured less planned tensions, N, and lengths, m: a load that no plan knows yet, and what the
     /// winches that hold a tension paid out for it.
     unplanned_n: Vec<f64>,
+    /// What the tension sensors show, N.
+    readings_n: Vec<f64>,
     unplanned_m: Vec<f64>,
     paid_out_m: Vec<f64>,
     command: Command,
     place: TagPlace,
-    /// Sum of planned tensions times seconds since the tracker was told, and seconds.
-    since: (Vec<f64>, f64),
 }
 
 impl Side {
@@ -61,12 +61,12 @@ impl Side {
                 drums_m: drums_m.to_vec(),
                 readings_n: rest.tensions_n().to_vec(),
             },
+            readings_n: rest.tensions_n().to_vec(),
             zero_m,
             rest,
             unplanned_n: vec![0.0; count],
             unplanned_m: vec![0.0; count],
             place,
-            since: (vec![0.0; count], 0.0),
         }
     }
 
@@ -122,6 +122,7 @@ impl Side {
         let robot = self.model.robot();
         self.pulleys.turn(robot, &lengths_m, readings_n);
         self.rubbing = self.pulleys.rubbing();
+        self.readings_n = readings_n.to_vec();
         let pairs = lengths_m.iter().zip(&self.paid_out_m);
         self.unplanned_m = pairs.map(|(read, planned)| read - planned).collect();
         let pairs = readings_n.iter().zip(self.rest.tensions_n());
@@ -136,22 +137,15 @@ impl Side {
             .after(self.model.robot(), &paid_out_m, tensions_n)
     }
 
-    /// Time passes in the planned state.
+    /// Time passes under the tensions that the sensors show.
     pub(super) fn pass(&mut self, seconds: f64) {
-        for (sum, tension) in self.since.0.iter_mut().zip(self.rest.tensions_n()) {
-            *sum += tension * seconds;
-        }
-        self.since.1 += seconds;
-    }
-
-    fn catch_up(&mut self) {
-        let (sums, seconds) = &mut self.since;
-        if let (Some(tracker), true) = (&mut self.tracker, *seconds > 0.0) {
-            let mean: Vec<f64> = sums.iter().map(|sum| sum / *seconds).collect();
-            tracker.pass(*seconds, &mean);
-        }
-        sums.fill(0.0);
-        *seconds = 0.0;
+        let Some(tracker) = &mut self.tracker else {
+            return;
+        };
+        let felt_n: Vec<f64> = (self.readings_n.iter().zip(&self.rubbing).enumerate())
+            .map(|(i, (reading_n, rubbing))| tracker.felt_n(i, *reading_n, *rubbing))
+            .collect();
+        tracker.pass(seconds, &felt_n);
     }
 
     /// A rest: lengths from the encoders, tensions, and what the camera sees.
@@ -161,7 +155,6 @@ impl Side {
         readings_n: Vec<f64>,
         views: Vec<TagView>,
     ) -> Result<Option<Report>, DayError> {
-        self.catch_up();
         let Some(tracker) = &mut self.tracker else {
             return Ok(None);
         };
@@ -190,7 +183,6 @@ impl Side {
 
     /// The gripper closed on something.
     pub(super) fn lift(&mut self) {
-        self.catch_up();
         if let Some(tracker) = &mut self.tracker {
             tracker.lift();
         }
@@ -198,7 +190,6 @@ impl Side {
 
     /// The gripper opened.
     pub(super) fn set_down(&mut self) -> Result<(), PlanError> {
-        self.catch_up();
         if let Some(tracker) = &mut self.tracker {
             tracker.set_down();
         }

@@ -23,6 +23,7 @@ impl Tracker {
         }
         // Plans of now know the states of now.
         later.planned.clone_from(&self.planned);
+        let mean = &later.now.mean;
         let lacks: Vec<f64> = (later.now.mean.iter().zip(&later.planned))
             .enumerate()
             .map(|(state, (mean, planned))| {
@@ -33,18 +34,29 @@ impl Tracker {
                 }
             })
             .collect();
-        let rows = self.rows_of(
+        // A plan takes the creep of now.
+        let crept = |i: usize| {
+            let now = self.now.creeping(i);
+            let by_then = later.now.creeping(i).strain(self.layout, mean, i);
+            by_then - now.strain(self.layout, &self.planned, i)
+        };
+        let rows = later.rows_of(
             errors,
             planned.platform.mass_kg,
             &planned.platform.center_of_mass_m,
         );
         let mut covariance = DMatrix::zeros(errors.count(), errors.count());
         let mut product = vec![0.0; self.layout.size()];
-        for (error, row) in &rows {
+        let mut lacking: Vec<f64> = rows.iter().map(|(_, row)| dot(row, &lacks)).collect();
+        for (lacking, (error, _)) in lacking.iter_mut().zip(&rows) {
+            if let Some(i) = (0..errors.cables).find(|i| errors.strain(*i) == *error) {
+                *lacking = crept(i);
+            }
+        }
+        for ((error, row), lack) in rows.iter().zip(&lacking) {
             later.now.times(row, &mut product);
-            for (other, other_row) in &rows {
-                covariance[(*error, *other)] =
-                    dot(other_row, &product) + dot(row, &lacks) * dot(other_row, &lacks);
+            for ((other, other_row), other_lack) in rows.iter().zip(&lacking) {
+                covariance[(*error, *other)] = dot(other_row, &product) + lack * other_lack;
             }
         }
         let sigmas = &self.prior.rows;
@@ -81,7 +93,7 @@ impl Tracker {
                 let anchor = row(&[(layout.anchor(i) + axis, 1.0)]);
                 rows.push((errors.anchor(i) + axis, anchor));
             }
-            let strain = [(layout.creep(i, 0), 1.0), (layout.creep(i, 1), 1.0)];
+            let strain = self.now.creeping(i).slopes(layout, &self.now.mean, i);
             rows.push((errors.length(i), row(&[(layout.offset(i), 1.0)])));
             rows.push((errors.strain(i), row(&strain)));
             rows.push((errors.compliance(i), row(&[(layout.compliance(i), 1.0)])));

@@ -1,5 +1,6 @@
 //! The tracked states in the words of a robot file.
 
+use super::creep::CREEP_SHARES;
 use super::{Prior, Tracker};
 use serde::Serialize;
 
@@ -61,16 +62,18 @@ impl Tracker {
             }
         };
         let cable = |i: usize| {
-            let creep = [layout.creep(i, 0), layout.creep(i, 1)];
+            let creeping = self.now.creeping(i);
             let mut both = vec![0.0; layout.size()];
-            creep.iter().for_each(|&state| both[state] = 1.0);
+            for (state, slope) in creeping.slopes(layout, &self.now.mean, i) {
+                both[state] = slope;
+            }
             let variance = self.now.spread(&[both])[0][0];
             let compliance = known(layout.compliance(i), prior.compliance);
             CableEstimate {
                 anchor_m: [0, 1, 2].map(|axis| known(layout.anchor(i) + axis, prior.anchor_m)),
                 offset_m: known(layout.offset(i), prior.length_m),
                 strain: Known {
-                    value: creep.iter().map(|&state| self.now.mean[state]).sum(),
+                    value: creeping.strain(layout, &self.now.mean, i),
                     sigma: variance.max(0.0).sqrt(),
                     // Nothing is known of creep before; its final size is a state that starts with this spread.
                     observed: known(layout.creep_ratio(i, 0), f64::INFINITY).sigma
@@ -95,7 +98,7 @@ impl Tracker {
     /// Standard deviation at the start of the fast element's final creep over the elastic stretch.
     fn creep_ratio_sigma(&self, cable: usize, prior: &Prior) -> f64 {
         let ea_n = self.robot.cables.get(cable).map_or(0.0, |c| c.ea_n);
-        super::CREEP_SHARES[0] * prior.creep[1] * ea_n / self.robot.tension.setpoint_n
+        CREEP_SHARES[0] * prior.creep[1] * ea_n / self.robot.tension.setpoint_n
     }
 
     /// The robot was homed anew, with these paid-out lengths now, m: the encoders' reference contains what the
@@ -106,11 +109,17 @@ impl Tracker {
         let layout = self.layout;
         for (i, length_m) in lengths_m.iter().enumerate().take(layout.cables) {
             let routing_m = self.robot.cables.get(i).map_or(0.0, |c| c.routing_length_m);
-            let strain = self.now.mean[layout.creep(i, 0)] + self.now.mean[layout.creep(i, 1)];
-            // With this offset the creep of now changes no length.
-            let mut offset_m = -strain * (length_m + routing_m);
+            let creeping = self.now.creeping(i);
+            let strain = creeping.strain(layout, &self.now.mean, i);
+            // With this offset the creep of now changes no length, however large it is.
+            let off_drum_m = length_m + routing_m;
+            let mut offset_m = -strain * off_drum_m;
             let state = layout.offset(i);
             self.now.reset(state, offset_m, self.prior.length_m);
+            for (from, slope) in creeping.slopes(layout, &self.now.mean, i) {
+                self.now.couple(from, state, -slope * off_drum_m);
+                self.planned[from] = self.now.mean[from];
+            }
             let follows = self.at_home.iter().flatten();
             for (from, _, slope) in follows.filter(|(_, to, _)| *to == state) {
                 self.now.couple(*from, state, *slope);
@@ -118,10 +127,6 @@ impl Tracker {
             }
             self.now.mean[state] = offset_m;
             self.planned[state] = offset_m;
-            for element in 0..2 {
-                let state = layout.creep(i, element);
-                self.planned[state] = self.now.mean[state];
-            }
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Normal distribution of the slow states, and its update by rows with unit noise.
 
+use super::creep::Creeping;
 use nalgebra::{DMatrix, DVector};
 
 /// Mean and covariance.
@@ -8,9 +9,8 @@ pub(super) struct Gaussian {
     pub(super) mean: Vec<f64>,
     /// Row by row; symmetric.
     pub(super) covariance: Vec<f64>,
-    /// By how much each element of creep would be off if its retardation time were wrong by all of it, to first order,
-    /// strain: two values for each cable.
-    pub(super) mistimed: Vec<f64>,
+    /// What each cable has crept by the tensions so far, which are known.
+    pub(super) creeping: Vec<Creeping>,
 }
 
 /// Slopes lie in groups of this many rows: one multiplication of the processor takes two or four.
@@ -91,7 +91,7 @@ impl Gaussian {
         Self {
             mean,
             covariance,
-            mistimed: Vec::new(),
+            creeping: Vec::new(),
         }
     }
 
@@ -132,20 +132,6 @@ impl Gaussian {
         }
         self.covariance[state * size + state] = sigma * sigma;
         self.mean[state] = value;
-    }
-
-    /// `state = keep state + gain other`, one step of a first-order model.
-    pub(super) fn mix(&mut self, state: usize, keep: f64, other: usize, gain: f64) {
-        let size = self.size();
-        self.mean[state] = keep * self.mean[state] + gain * self.mean[other];
-        for k in 0..size {
-            self.covariance[state * size + k] =
-                keep * self.covariance[state * size + k] + gain * self.covariance[other * size + k];
-        }
-        for k in 0..size {
-            self.covariance[k * size + state] =
-                keep * self.covariance[k * size + state] + gain * self.covariance[k * size + other];
-        }
     }
 
     /// `to` follows `from` by `factor`: adds what that means to the covariance.
@@ -286,7 +272,7 @@ impl Gaussian {
         Self {
             mean: lesson.mean,
             covariance,
-            mistimed: self.mistimed.clone(),
+            creeping: self.creeping.clone(),
         }
     }
 

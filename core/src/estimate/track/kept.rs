@@ -1,5 +1,6 @@
 //! A tracked state that outlasts the program.
 
+use super::creep::Creeping;
 use super::gaussian::Gaussian;
 use super::{Prior, Tracker};
 use crate::motion::Model;
@@ -10,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Name of the format.
-const SCHEMA: &str = "mcdpr-tracked-2";
+const SCHEMA: &str = "mcdpr-tracked-3";
 
 /// The states of a tracker, to be kept in a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,9 +25,9 @@ pub struct Kept {
     /// Row by row.
     covariance: Vec<f64>,
     planned: Vec<f64>,
-    /// Absent in files of before: nothing has been mistimed then.
+    /// What the cables have crept by the tensions so far.
     #[serde(default)]
-    mistimed: Vec<f64>,
+    creeping: Vec<Creeping>,
 }
 
 /// Why kept states are not used.
@@ -101,7 +102,7 @@ impl Tracker {
             description: description_of(&self.robot),
             mean: bare.now.mean,
             covariance: bare.now.covariance,
-            mistimed: bare.now.mistimed,
+            creeping: bare.now.creeping,
             planned: bare.planned,
         }
     }
@@ -133,15 +134,12 @@ impl Tracker {
         {
             return damaged("its number of states is not that of this robot");
         }
-        let mistimed = if kept.mistimed.is_empty() {
-            tracker.now.mistimed.clone()
-        } else {
-            kept.mistimed.clone()
-        };
-        if mistimed.len() != tracker.now.mistimed.len() {
-            return damaged("its number of creeping elements is not that of this robot");
+        if kept.creeping.len() != tracker.layout.cables {
+            return damaged("its number of creeping cables is not that of this robot");
         }
-        let numbers = kept.mean.iter().chain(&kept.planned).chain(&mistimed);
+        let elements = kept.creeping.iter().flat_map(|creeping| &creeping.0);
+        let crept = elements.flat_map(|element| [&element.unit, &element.by_time]);
+        let numbers = kept.mean.iter().chain(&kept.planned).chain(crept);
         if numbers.chain(&kept.covariance).any(|x| !x.is_finite()) {
             return damaged("it has a number that is not finite");
         }
@@ -156,7 +154,7 @@ impl Tracker {
         tracker.now = Gaussian {
             mean: kept.mean.clone(),
             covariance: kept.covariance.clone(),
-            mistimed,
+            creeping: kept.creeping.clone(),
         };
         tracker.planned.clone_from(&kept.planned);
         Ok(tracker)
@@ -235,11 +233,12 @@ mod tests {
         let mut tuned = model.robot().clone();
         tuned.tension.kp *= 2.0;
         assert_eq!(of(&Model::new(&tuned).unwrap(), &kept), Ok(()));
-        let spoilt: [fn(&mut Kept); 6] = [
+        let spoilt: [fn(&mut Kept); 7] = [
             |kept| kept.mean[7] = f64::NAN,
             |kept| kept.covariance[0] = -1.0,
             |kept| kept.planned.truncate(3),
-            |kept| kept.mistimed.truncate(3),
+            |kept| kept.creeping.truncate(3),
+            |kept| kept.creeping[1].0[0].unit = f64::INFINITY,
             |kept| kept.covariance.push(0.0),
             |kept| kept.schema.push('2'),
         ];
@@ -273,5 +272,33 @@ mod tests {
             );
             assert!((now - then).abs() < 2e-6, "cable {}: {now} {then}", i + 1);
         }
+    }
+
+    #[test]
+    fn after_a_homing_the_creep_so_far_makes_no_length_uncertain() {
+        let (model, mut tracker) = taught();
+        tracker.pass(7200.0, &[14.0; 4]);
+        let (measured, _) = rest(&model);
+        let sigma_m = |tracker: &Tracker, cable: usize| {
+            let layout = tracker.layout;
+            let off_drum_m =
+                measured.lengths_m[cable] + model.robot().cables[cable].routing_length_m;
+            let mut row = vec![0.0; layout.size()];
+            row[layout.offset(cable)] = 1.0;
+            let creeping = tracker.now.creeping(cable);
+            for (state, slope) in creeping.slopes(layout, &tracker.now.mean, cable) {
+                row[state] = slope * off_drum_m;
+            }
+            tracker.now.spread(&[row])[0][0].sqrt()
+        };
+        let before = sigma_m(&tracker, 1);
+        tracker.homed(&measured.lengths_m);
+        let prior = Prior::default();
+        let after = sigma_m(&tracker, 1);
+        assert!(before > 3.0 * after, "{before} {after}");
+        assert!((after / prior.length_m - 1.0).abs() < 1e-6, "{after}");
+        // What creeps later is as uncertain as before.
+        tracker.pass(3600.0, &[14.0; 4]);
+        assert!(sigma_m(&tracker, 1) > 1.5 * after);
     }
 }

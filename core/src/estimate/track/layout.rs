@@ -21,8 +21,8 @@ impl Layout {
         cable * PER_CABLE
     }
 
-    /// Creep of the fast (0) and the slow (1) element, strain.
-    pub(super) const fn creep(self, cable: usize, element: usize) -> usize {
+    /// Logarithm of the retardation time of the fast (0) and the slow (1) element over the assumed one.
+    pub(super) const fn creep_time(self, cable: usize, element: usize) -> usize {
         cable * PER_CABLE + 1 + element
     }
 

@@ -3,10 +3,11 @@
 //! A Kalman filter over states that change slowly. It is fed where the robot rests anyway, with lengths,
 //! tensions and, if the camera sees any, tags. Pose and true tensions of each rest are removed first, so
 //! the filter needs no model of motion. Between rests each state drifts as far as its own random walk,
-//! and creep follows a model with two retardation times (Piao et al., 2017) whose size is itself a state.
+//! and creep follows a model with two retardation times (Piao et al., 2017) whose size and times are states.
 //! What nothing observes keeps its uncertainty. Rests that do not fit are not used: see [`Report`].
 
 mod camera;
+mod creep;
 mod errors;
 mod estimates;
 mod gaussian;
@@ -34,6 +35,7 @@ mod update_tests;
 use super::Measurements;
 use crate::motion::Model;
 use crate::robot::Robot;
+use creep::{CREEP_SHARES, Creeping};
 pub use estimates::{CableEstimate, Estimates, Known};
 use gaussian::{Fit, Gaussian};
 use hint::Hint;
@@ -58,10 +60,6 @@ const ROUNDS: usize = 6;
 /// The search for the pose takes a payload's moment to be known at least this well, kg m.
 const LOOSEST_KG_M: f64 = 5e-3;
 
-/// Retardation times of the creep model, s: rough, as in `Creep::polymer`'s ranges.
-const RETARDATION_S: [f64; 2] = [300.0, 7200.0];
-/// Shares of the final creep.
-const CREEP_SHARES: [f64; 2] = [0.4, 0.6];
 const EIGHT_HOURS_S: f64 = 28_800.0;
 
 /// What a rest makes of the states.
@@ -115,6 +113,7 @@ impl Tracker {
             for (element, share) in CREEP_SHARES.into_iter().enumerate() {
                 let [value, sigma] = prior.creep.map(|strain| share * strain * per_strain);
                 put(layout.creep_ratio(i, element), value, sigma);
+                put(layout.creep_time(i, element), 0.0, prior.creep_time);
             }
         }
         let mass_kg = robot.platform.mass_kg;
@@ -126,7 +125,7 @@ impl Tracker {
             put(layout.camera() + 3 + axis, 0.0, prior.camera[1]);
         }
         let mut now = Gaussian::new(mean.clone(), &sigmas);
-        now.mistimed = vec![0.0; 2 * layout.cables];
+        now.creeping = vec![Creeping::default(); layout.cables];
         // Cables of the same stiffness count as one rope: what creeps are two elements of each.
         let rope = |i: usize| robot.cables.get(i).map(|cable| cable.ea_n);
         let elements = (0..layout.cables).flat_map(|i| [(i, 0), (i, 1)]);
@@ -169,22 +168,8 @@ impl Tracker {
             let Some(cable) = self.robot.cables.get(i) else {
                 continue;
             };
-            let elastic = tension_n / cable.ea_n;
-            for (element, retardation_s) in RETARDATION_S.into_iter().enumerate() {
-                let keep = libm::exp(-seconds / retardation_s);
-                let gain = (1.0 - keep) * elastic;
-                let (state, ratio) = (layout.creep(i, element), layout.creep_ratio(i, element));
-                let gap = self.now.mean[ratio] * elastic - self.now.mean[state];
-                self.now.mix(state, keep, ratio, gain);
-                self.planned[state] = keep * self.planned[state] + gain * self.planned[ratio];
-                // A wrong retardation time errs in the same direction for about that time: what it makes of the creep is
-                // followed, and adds to the variance as it grows.
-                let mistimed = &mut self.now.mistimed[2 * i + element];
-                let left = keep * *mistimed;
-                *mistimed = left + keep * seconds / retardation_s * gap;
-                let grown = (mistimed.powi(2) - left * left).max(0.0);
-                self.now
-                    .loosen(state, self.prior.creep_drift.powi(2) * grown);
+            if let Some(creeping) = self.now.creeping.get_mut(i) {
+                creeping.pass(seconds, tension_n / cable.ea_n);
             }
             self.now.loosen(layout.offset(i), length);
             self.now.loosen(layout.zero(i), zero);
@@ -201,6 +186,7 @@ impl Tracker {
             sigmas: &self.prior.rows,
             measured: &reading.measured,
             rubbing: &reading.rubbing,
+            creeping: &before.creeping,
             every_tension: true,
         };
         let mut hanging = Hanging {

@@ -52,6 +52,7 @@ impl Tracker {
             sigmas: &self.prior.rows,
             measured: commanded,
             rubbing,
+            creeping: &self.now.creeping,
             every_tension: false,
         };
         let start = Hanging {
@@ -89,7 +90,7 @@ impl Tracker {
         let (layout, x) = (self.layout, &self.planned);
         (0..layout.cables)
             .map(|i| Drift {
-                strain: x[layout.creep(i, 0)] + x[layout.creep(i, 1)],
+                strain: self.now.creeping(i).strain(layout, x, i),
                 offset_m: x[layout.offset(i)],
                 gain: x[layout.gain(i)],
                 zero_n: x[layout.zero(i)],
@@ -119,7 +120,7 @@ impl Tracker {
                 let extra =
                     cable.routing_length_m * x[layout.loss(i)] * side * compliance * tension_n;
                 let total = length_m + cable.routing_length_m - extra;
-                let creep = x[layout.creep(i, 0)] + x[layout.creep(i, 1)];
+                let creep = self.now.creeping(i).strain(layout, x, i);
                 let off_drum = total / ((1.0 + tension_n * compliance) * (1.0 + creep));
                 off_drum - cable.routing_length_m - x[layout.offset(i)]
             })
@@ -132,5 +133,13 @@ impl Tracker {
         let (layout, x) = (self.layout, &self.planned);
         let rubbed = 1.0 + x[layout.loss(cable)] * rubbing.side;
         tension_n * rubbed * (1.0 + x[layout.gain(cable)]) + x[layout.zero(cable)]
+    }
+
+    /// What the platform feels of a cable while its sensor shows `reading_n`, N: the inverse of [`Self::reading_n`].
+    #[must_use]
+    pub fn felt_n(&self, cable: usize, reading_n: f64, rubbing: Rubbing) -> f64 {
+        let (layout, x) = (self.layout, &self.planned);
+        let rubbed = 1.0 + x[layout.loss(cable)] * rubbing.side;
+        (reading_n - x[layout.zero(cable)]) / (rubbed * (1.0 + x[layout.gain(cable)]))
     }
 }

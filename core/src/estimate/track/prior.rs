@@ -34,8 +34,8 @@ pub struct Prior {
     pub drift_m: f64,
     /// Drift of the tension sensors in eight hours, N.
     pub drift_n: f64,
-    /// Error of each retardation time of creep, as a share of it.
-    pub creep_drift: f64,
+    /// Logarithm of each retardation time of creep.
+    pub creep_time: f64,
     /// Errors of each rest.
     pub rows: RowSigmas,
     /// Where a payload's centre is, below the tool: mean and standard deviation, m.
@@ -64,7 +64,7 @@ impl Default for Prior {
             camera: [1e-4, 2e-4],
             drift_m: 1e-4,
             drift_n: 0.15,
-            creep_drift: 0.17,
+            creep_time: 0.17,
             rows: RowSigmas::default(),
             below_m: [0.03, 0.02],
             grasp_m: 0.015,

@@ -5,6 +5,7 @@
 //! removed by reflections (the null space of their columns, as in Mourikis and Roumeliotis, 2007). What
 //! is left tells of the slow states alone.
 
+use super::creep::Creeping;
 use super::layout::Layout;
 use super::lines::Lines;
 use super::pulleys::Rubbing;
@@ -32,7 +33,7 @@ pub struct RowSigmas {
 impl Default for RowSigmas {
     fn default() -> Self {
         Self {
-            length_m: 3e-5,
+            length_m: 2e-5,
             tension_n: 0.02,
             tension_share: 0.001,
             force_n: 0.01,
@@ -55,6 +56,8 @@ pub(super) struct Rest<'a> {
     pub(super) measured: &'a Measurements,
     /// Friction of each pulley.
     pub(super) rubbing: &'a [Rubbing],
+    /// What each cable has crept by the tensions so far.
+    pub(super) creeping: &'a [Creeping],
     /// Whether the tensions of length-held cables are used: not known before a rest.
     pub(super) every_tension: bool,
 }
@@ -143,7 +146,8 @@ impl Rest<'_> {
         let cable = self.robot.cables.get(i)?;
         let read = *self.measured.lengths_m.get(i)?;
         let tension = *hanging.tensions_n.get(i)?;
-        let creep = at(layout.creep(i, 0)) + at(layout.creep(i, 1));
+        let creeping = self.creeping.get(i).copied().unwrap_or_default();
+        let creep = creeping.strain(layout, x, i);
         let off_drum = read + cable.routing_length_m + at(layout.offset(i));
         let compliance = (1.0 + at(layout.compliance(i))) / cable.ea_n;
         let elastic = 1.0 + tension * compliance;
@@ -162,8 +166,8 @@ impl Rest<'_> {
         if with_states {
             let mut put = |state: usize, value: f64| rows.put(index, state, value);
             put(layout.offset(i), -(1.0 + creep) * elastic * inverse);
-            for element in 0..2 {
-                put(layout.creep(i, element), -off_drum * elastic * inverse);
+            for (state, slope) in creeping.slopes(layout, x, i) {
+                put(state, -off_drum * elastic * slope * inverse);
             }
             put(
                 layout.compliance(i),

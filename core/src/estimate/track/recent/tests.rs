@@ -61,7 +61,7 @@ fn knocked(robot: &Robot, cable: usize, by_m: [f64; 3]) -> Robot {
 fn a_knock_that_no_single_rest_shows_is_named_by_rests_together() {
     let robot = eight_cable();
     let mut tracker = settled(&robot);
-    let by_m = [0.0, 0.0, 0.7e-3];
+    let by_m = [0.0, 0.0, 0.5e-3];
     let moved = knocked(&robot, 0, by_m);
     let rests = rests_of(&moved, &mut tracker, 5, 2);
     let named = rests.iter().find_map(|rest| rest.named);
@@ -211,7 +211,7 @@ fn the_last_looks_stay_while_other_rests_come_and_go() {
     take(true, 1);
     assert_eq!(take(false, 40).0, two.to_vec());
     // Looks of long ago go.
-    let (looks, events) = take(false, 1000);
+    let (looks, events) = take(false, 2500);
     assert_eq!(looks, blind.to_vec());
     assert_eq!(events, WINDOW);
 }
