@@ -37,6 +37,9 @@ pub(super) struct Side {
     paid_out_m: Vec<f64>,
     command: Command,
     place: TagPlace,
+    /// Sum of what the sensors showed times seconds since the tracker was told, N s, and seconds. Plans are those of the last
+    /// rest: drums that moved for each second's creep would turn pulleys whose friction was known.
+    since: (Vec<f64>, f64),
 }
 
 impl Side {
@@ -64,6 +67,7 @@ impl Side {
             readings_n: rest.tensions_n().to_vec(),
             zero_m,
             rest,
+            since: (vec![0.0; count], 0.0),
             unplanned_n: vec![0.0; count],
             unplanned_m: vec![0.0; count],
             place,
@@ -139,13 +143,32 @@ impl Side {
 
     /// Time passes under the tensions that the sensors show.
     pub(super) fn pass(&mut self, seconds: f64) {
-        let Some(tracker) = &mut self.tracker else {
+        let Some(tracker) = &self.tracker else {
             return;
         };
         let felt_n: Vec<f64> = (self.readings_n.iter().zip(&self.rubbing).enumerate())
             .map(|(i, (reading_n, rubbing))| tracker.felt_n(i, *reading_n, *rubbing))
             .collect();
-        tracker.pass(seconds, &felt_n);
+        for (sum, tension_n) in self.since.0.iter_mut().zip(felt_n) {
+            *sum += tension_n * seconds;
+        }
+        self.since.1 += seconds;
+    }
+
+    /// Mean tensions since the tracker was told, N, and seconds.
+    fn since(&self) -> (Vec<f64>, f64) {
+        let (sums, seconds) = &self.since;
+        let mean = sums.iter().map(|sum| sum / seconds.max(f64::MIN_POSITIVE));
+        (mean.collect(), *seconds)
+    }
+
+    fn catch_up(&mut self) {
+        let (mean_n, seconds) = self.since();
+        if let (Some(tracker), true) = (&mut self.tracker, seconds > 0.0) {
+            tracker.pass(seconds, &mean_n);
+        }
+        self.since.0.fill(0.0);
+        self.since.1 = 0.0;
     }
 
     /// A rest: lengths from the encoders, tensions, and what the camera sees.
@@ -155,6 +178,7 @@ impl Side {
         readings_n: Vec<f64>,
         views: Vec<TagView>,
     ) -> Result<Option<Report>, DayError> {
+        self.catch_up();
         let Some(tracker) = &mut self.tracker else {
             return Ok(None);
         };
@@ -183,6 +207,7 @@ impl Side {
 
     /// The gripper closed on something.
     pub(super) fn lift(&mut self) {
+        self.catch_up();
         if let Some(tracker) = &mut self.tracker {
             tracker.lift();
         }
@@ -190,13 +215,14 @@ impl Side {
 
     /// The gripper opened.
     pub(super) fn set_down(&mut self) -> Result<(), PlanError> {
+        self.catch_up();
         if let Some(tracker) = &mut self.tracker {
             tracker.set_down();
         }
         self.replan()
     }
 
-    /// Where the robot believes its tool to be under the present command.
+    /// Where the robot believes its tool to be under the present command, with the creep since the last rest.
     pub(super) fn region(&self) -> Option<Region> {
         let tracker = self.tracker.as_ref()?;
         let commanded = Measurements {
@@ -210,6 +236,8 @@ impl Side {
                 .collect(),
             ..Measurements::default()
         };
-        tracker.region(&commanded, &self.rubbing, &self.rest.equilibrium.pose)
+        let (mean_n, seconds) = self.since();
+        let later = tracker.later(seconds, &mean_n);
+        later.region(&commanded, &self.rubbing, &self.rest.equilibrium.pose)
     }
 }

@@ -17,14 +17,9 @@ impl Tracker {
         let errors = Errors {
             cables: self.layout.cables,
         };
-        let mut later = self.clone();
-        if seconds > 0.0 {
-            later.pass(seconds, tensions_n);
-        }
-        // Plans of now know the states of now.
-        later.planned.clone_from(&self.planned);
+        let later = self.later(seconds, tensions_n);
         let mean = &later.now.mean;
-        let lacks: Vec<f64> = (later.now.mean.iter().zip(&later.planned))
+        let lacks: Vec<f64> = (later.now.mean.iter().zip(&self.planned))
             .enumerate()
             .map(|(state, (mean, planned))| {
                 if (0..errors.cables).any(|i| state == self.layout.loss(i)) {

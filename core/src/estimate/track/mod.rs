@@ -258,6 +258,23 @@ impl Tracker {
         })
     }
 
+    /// The same after `seconds` more under `tensions_n` (at the platform, N), without the last rests.
+    #[must_use]
+    pub fn later(&self, seconds: f64, tensions_n: &[f64]) -> Self {
+        let mut later = Self {
+            robot: self.robot.clone(),
+            now: self.now.clone(),
+            planned: self.planned.clone(),
+            at_home: self.at_home.clone(),
+            recent: VecDeque::new(),
+            ..*self
+        };
+        if seconds > 0.0 {
+            later.pass(seconds, tensions_n);
+        }
+        later
+    }
+
     /// What was assumed at the start.
     #[must_use]
     pub const fn prior(&self) -> &Prior {

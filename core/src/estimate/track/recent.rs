@@ -19,8 +19,8 @@ use std::collections::VecDeque;
 const WINDOW: usize = 12;
 /// The last of them that saw something stay among them while others come and go: a camera shows in looks alone.
 const LOOKS: usize = 2;
-/// Unless more than this has happened since: half an hour that is told second by second.
-const EVENTS: usize = 2000;
+/// Unless more than this has happened since.
+const EVENTS: usize = 300;
 /// What hints explain together is looked into beyond this, chi-squared of three: 1.1 of 1,000 rests and anchors without a knock.
 const WORTH: f64 = 16.0;
 /// Logarithm of the ratio of likelihoods that names a cause. Nothing was named in 640 undisturbed hours of two robots

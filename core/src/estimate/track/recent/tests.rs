@@ -211,7 +211,7 @@ fn the_last_looks_stay_while_other_rests_come_and_go() {
     take(true, 1);
     assert_eq!(take(false, 40).0, two.to_vec());
     // Looks of long ago go.
-    let (looks, events) = take(false, 2500);
+    let (looks, events) = take(false, 1000);
     assert_eq!(looks, blind.to_vec());
     assert_eq!(events, WINDOW);
 }
