@@ -19,7 +19,7 @@ impl Tracker {
         };
         let later = self.later(seconds, tensions_n);
         let mean = &later.now.mean;
-        let lacks: Vec<f64> = (later.now.mean.iter().zip(&self.planned))
+        let lacks: Vec<f64> = (mean.iter().zip(&self.planned))
             .enumerate()
             .map(|(state, (mean, planned))| {
                 if (0..errors.cables).any(|i| state == self.layout.loss(i)) {
