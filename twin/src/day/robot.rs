@@ -31,14 +31,14 @@ pub(super) struct Side {
     /// Measured less planned tensions, N, and lengths, m: a load that no plan knows yet, and what the
     /// winches that hold a tension paid out for it.
     unplanned_n: Vec<f64>,
+    unplanned_m: Vec<f64>,
     /// What the tension sensors show, N.
     readings_n: Vec<f64>,
-    unplanned_m: Vec<f64>,
     paid_out_m: Vec<f64>,
     command: Command,
     place: TagPlace,
-    /// Sum of what the sensors showed times seconds since the tracker was told, N s, and seconds. Plans are those of the last
-    /// rest: drums that moved for each second's creep would turn pulleys whose friction was known.
+    /// Sum of what the sensors showed times seconds since the tracker was told, N s, and seconds. Plans take the creep of
+    /// the last rest: with that of each second payloads were weighed worse (docs/results/day.md).
     since: (Vec<f64>, f64),
 }
 
