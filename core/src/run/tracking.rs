@@ -367,6 +367,35 @@ mod tests {
         (at_rest, rest.equilibrium.pose)
     }
 
+    /// A sensor that is known to show 5 N too much makes its cable creep by what the platform feels.
+    #[test]
+    fn cables_creep_by_what_the_platform_feels() {
+        let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+        let crept = |zero_n: f64| {
+            let kept = Tracking::new(&model, &Prior::default()).kept();
+            let mut kept = serde_json::to_value(&kept).unwrap();
+            // The fourth state of the first cable is its sensor's zero.
+            kept["planned"][3] = zero_n.into();
+            let kept: Kept = serde_json::from_value(kept).unwrap();
+            let mut tracking =
+                Tracking::resume(&model, &Prior::default(), &kept, 0.0, &[]).unwrap();
+            for seconds in [0, 600] {
+                let (mut rest, pose) = rest_of(&model, 0.0, seconds * 1_000_000);
+                rest.tensions_n[0] += zero_n;
+                // So far off that it teaches nothing: only time passes.
+                rest.lengths_m[1] += 0.05;
+                assert!(!tracking.rest(rest, &pose).unwrap().fits);
+            }
+            let prior = Prior::default();
+            tracking.tracker().estimates(&prior).cables[0].strain.value
+        };
+        let (exact, shown) = (crept(0.0), crept(5.0));
+        assert!(
+            exact > 1e-4 && (shown / exact - 1.0).abs() < 1e-9,
+            "{exact} {shown}"
+        );
+    }
+
     #[test]
     fn plans_close_with_the_lengths_of_the_last_rest() {
         for name in ["lab-fast", "eight-cable"] {
