@@ -26,14 +26,14 @@ pub use stream::{Halt, Progress, follow, follow_watched};
 
 use crate::control::Order;
 use crate::diagnosis::Diagnosis;
-use crate::faults::{advice, describe_fault, request_name};
+use crate::faults::{advice, describe_fault};
 use crate::link::{Client, ClientError, Link};
 use crate::machine::{self, OutOfRange};
 use crate::motion::{Model, Plan, PlanError, Planner};
 use crate::robot::{Control, Robot};
 use mcdpr_protocol::message::CONFIG_CHUNK;
 use mcdpr_protocol::{
-    BoardState, ConfigEntry, ConfigHash, FaultId, FaultRecord, Knot, List, Reply, Request, Status,
+    BoardState, ConfigEntry, ConfigHash, FaultId, FaultRecord, Knot, List, Request, Status,
     StopKind, TenthMicrometres,
 };
 use miette::Diagnostic;
@@ -171,13 +171,7 @@ impl RunError {
 /// # Errors
 /// The client's.
 pub fn status<L: Link>(client: &mut Client<L>) -> Result<Status, RunError> {
-    match client.request(Request::Status)? {
-        Reply::Status(status) => Ok(status),
-        _ => Err(ClientError::Answer {
-            request: request_name(&Request::Status),
-        }
-        .into()),
-    }
+    Ok(client.ask_status()?)
 }
 
 /// Makes sure that the board has this robot's configuration. A board that has it keeps its

@@ -16,7 +16,7 @@ use crate::doctor::{Finding, Verdict, hash_of};
 use crate::link::{Client, Link};
 use crate::run::{RunError, status};
 use crate::service::volts;
-use mcdpr_protocol::{Bench, BenchTest, BoardState, CanErrors, Reply, Request, Winch};
+use mcdpr_protocol::{Bench, BenchTest, BoardState, CanErrors, Winch};
 
 /// The device of an STM32F103x8 or xB in its identity (RM0008, 31.6.1).
 const DEVICE: u32 = 0x410;
@@ -132,10 +132,7 @@ pub fn examine<L: Link>(
 }
 
 fn ask<L: Link>(client: &mut Client<L>, test: BenchTest) -> Result<Bench, RunError> {
-    match client.request(Request::Bench { test })? {
-        Reply::Bench(report) => Ok(report),
-        _ => Ok(Bench::default()),
-    }
+    Ok(client.bench(test)?)
 }
 
 fn wait<L: Link>(client: &mut Client<L>, us: u64) -> Result<(), RunError> {
@@ -316,12 +313,7 @@ fn inputs<L: Link>(
     for _ in 0..LOOKS {
         wait(client, BETWEEN_US)?;
         for (cable, looks) in (1..=count).zip(&mut looks) {
-            let reply = client
-                .request(Request::Winch { cable })
-                .map_err(RunError::from)?;
-            if let Reply::Winch(winch) = reply {
-                looks.push(winch);
-            }
+            looks.push(client.winch(cable).map_err(RunError::from)?);
         }
     }
     let channels: Vec<_> = looks

@@ -5,7 +5,7 @@ use crate::doctor::{Finding, Verdict};
 use crate::link::{Client, Link};
 use crate::run::RunError;
 use crate::service::volts;
-use mcdpr_protocol::{BENCH_OUTPUT_MS, BENCH_OUTPUTS, BenchTest, Reply, Request};
+use mcdpr_protocol::{BENCH_OUTPUT_MS, BENCH_OUTPUTS, BenchTest};
 
 /// Names of the outputs, in the order of [`BenchTest::Output`].
 const OUTPUTS: [&str; BENCH_OUTPUTS as usize] = [
@@ -70,9 +70,8 @@ pub(super) fn outputs<L: Link>(
 fn look<L: Link>(client: &mut Client<L>) -> Result<Vec<(i32, f64)>, RunError> {
     let mut inputs = Vec::new();
     for cable in 1..=client.info().cables {
-        if let Reply::Winch(winch) = client.request(Request::Winch { cable })? {
-            inputs.push((winch.drum_counts, volts(f64::from(winch.tension_adc))));
-        }
+        let winch = client.winch(cable)?;
+        inputs.push((winch.drum_counts, volts(f64::from(winch.tension_adc))));
     }
     Ok(inputs)
 }

@@ -6,7 +6,7 @@ use crate::robot::{DriveKind, Robot};
 use crate::run::RunError;
 use crate::service::{scan, volts};
 use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
-use mcdpr_protocol::{Reply, Request, Status, Winch};
+use mcdpr_protocol::{Status, Winch};
 
 /// Number of readings of every winch, and the time between them, µs.
 const LOOKS: usize = 40;
@@ -106,10 +106,7 @@ pub(super) fn drives<L: Link>(
 
 fn look<L: Link>(client: &mut Client<L>, index: usize) -> Result<Winch, RunError> {
     let cable = u8::try_from(index + 1).unwrap_or(u8::MAX);
-    match client.request(Request::Winch { cable })? {
-        Reply::Winch(winch) => Ok(winch),
-        _ => Ok(Winch::default()),
-    }
+    Ok(client.winch(cable)?)
 }
 
 /// Readings of one winch over [`LOOKS`] samples.

@@ -27,7 +27,7 @@ use crate::sight::TagSource;
 use mcdpr_core::recovery::looks::{Looks, RestReadings};
 use mcdpr_core::recovery::reference::{Homed, TagReference};
 use mcdpr_core::recovery::verdict::{by_gentle_test, gentle_helps};
-use mcdpr_protocol::{BoardState, Reply, Request, ResetCause, Status};
+use mcdpr_protocol::{BoardState, ResetCause, Status};
 
 /// Readings of the sensors, and the time between them, µs: several periods of a swinging platform.
 const LOOKS: u32 = 60;
@@ -190,9 +190,7 @@ fn kept_by_board<L: Link>(
     client: &mut Client<L>,
     model: &Model,
 ) -> Result<Option<mcdpr_protocol::Kept>, RunError> {
-    let Reply::Kept(kept) = client.request(Request::Kept)? else {
-        return Ok(None);
-    };
+    let kept = client.kept()?;
     let whole = kept.lengths.len() == model.robot().cables.len();
     Ok(Some(kept).filter(|_| whole))
 }
@@ -323,10 +321,8 @@ pub(crate) fn after_cut<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
 ) -> Result<Option<String>, RunError> {
-    if let Reply::Kept(kept) = client.request(Request::Kept)?
-        && kept.counted
-        && kept.lengths.len() == robot.cables.len()
-    {
+    let kept = client.kept()?;
+    if kept.counted && kept.lengths.len() == robot.cables.len() {
         let sentence = "the board has reset itself: it kept its lengths, and has counted since";
         return Ok(Some(sentence.to_owned()));
     }

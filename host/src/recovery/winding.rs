@@ -9,7 +9,7 @@ use crate::run::{self, RunError, wait_for};
 use mcdpr_core::recovery::gentle::{LEAST_N, MOST_CHANGE_N, Response, WAY_M};
 use mcdpr_core::recovery::looks::RestReadings;
 use mcdpr_protocol::{
-    BoardState, CableKey, CableKnot, ConfigKey, Knot, MicrometresPerSecond, Millinewtons, Reply,
+    BoardState, CableKey, CableKnot, ConfigKey, Knot, MicrometresPerSecond, Millinewtons,
     Request, StopKind, TenthMicrometres,
 };
 
@@ -151,10 +151,7 @@ fn wind<L: Link>(
 /// What a motor has paid out since its drive started, m: finer than the drum's encoder.
 fn motor_m<L: Link>(client: &mut Client<L>, model: &Model, cable: usize) -> Result<f64, RunError> {
     let number = u8::try_from(cable + 1).unwrap_or(u8::MAX);
-    let counts = match client.request(Request::Winch { cable: number })? {
-        Reply::Winch(winch) => f64::from(winch.motor_counts),
-        _ => 0.0,
-    };
+    let counts = f64::from(client.winch(number)?.motor_counts);
     let winch = model.robot().winch_of(cable);
     Ok(winch.map_or(0.0, |winch| {
         counts / winch.motor_counts_per_turn * std::f64::consts::TAU * winch.drum_radius_m

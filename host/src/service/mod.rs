@@ -151,10 +151,7 @@ impl<'a, L: Link> Bench<'a, L> {
 
     fn look(&mut self) -> Result<Winch, ServiceError> {
         let cable = self.number();
-        match self.client.request(Request::Winch { cable })? {
-            Reply::Winch(winch) => Ok(winch),
-            _ => Ok(Winch::default()),
-        }
+        Ok(self.client.winch(cable).map_err(RunError::from)?)
     }
 
     fn pause(&mut self, ms: u64) -> Result<(), ServiceError> {

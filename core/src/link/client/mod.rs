@@ -4,6 +4,7 @@
 //! stops, as it should. The loop reads only the link's clock.
 
 pub(crate) mod aside;
+mod asked;
 mod recent;
 mod upkeep;
 mod wire;
@@ -138,9 +139,7 @@ impl<L: Link> Client<L> {
         let hello = wire::find(&mut link, &mut receiver)?;
         check(&hello)?;
         let mut client = Self::idle(link, session, hello);
-        if let Reply::Info(info) = client.request(Request::Info)? {
-            client.info = info;
-        }
+        client.info = client.ask_info()?;
         client.claim()?;
         Ok(client)
     }
