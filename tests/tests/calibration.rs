@@ -344,7 +344,7 @@ fn the_program_refuses_with_exit_code_1() {
 fn chosen_poses_beat_random_ones() {
     let random = medians(&setup(Target::Board, 20, 0), 8)[0];
     let chosen = Setup {
-        chosen_from: 300,
+        chosen_from: 120,
         ..setup(Target::Board, 20, 0)
     };
     let chosen = medians(&chosen, 8)[0];

@@ -19,20 +19,23 @@ const ALONE: [&str; 10] = [
     "playground",
     "tracked_port",
 ];
-/// Programs that take longest: they begin first, so that none of them is left at the end.
+/// Programs that mostly wait, for a robot that is slower than real time: one at a time beside the others, which leave the
+/// processors to them. The longest first.
+const WAITING: [&str; 3] = ["camera", "interruption", "power_port"];
+/// Programs that take longest, in this order: they begin first, so that none of them is left at the end.
 const LONG: [&str; 12] = [
-    "camera",
-    "picking",
     "docs",
-    "collect",
+    "picking",
     "calibration",
+    "collect",
     "slip",
+    "mcdpr_calibration",
     "doctor",
-    "any_robot",
     "own_frame",
-    "power",
-    "interruption",
     "dry_run",
+    "power",
+    "any_robot",
+    "tracking",
 ];
 /// A program that runs once more: with this variable of the environment, and these of its tests. The chip is then in
 /// another process, behind the wires of a board in the loop (docs/hil.md).
@@ -43,6 +46,8 @@ const AGAIN: (&str, (&str, &str), [&str; 2]) = (
 );
 /// Programs at a time: their own threads use all processors already.
 const AT_A_TIME: usize = 2;
+/// What starts those beside which others wait: they get the processors that nobody else wants.
+const LAST: [&str; 3] = ["nice", "-n", "19"];
 
 /// A test program.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -60,22 +65,26 @@ struct Program {
 pub(crate) fn run(cargo: &str, arguments: &[&str], firmware: &Path) -> Result<(), String> {
     let programs = built(cargo, arguments)?;
     let is_alone = |program: &Program| ALONE.contains(&program.name.as_str());
-    let (alone, mut others): (Vec<_>, Vec<_>) = programs.into_iter().partition(is_alone);
-    // Taken from the end.
-    others.sort_by_key(|program| LONG.contains(&program.name.as_str()));
+    let (alone, others): (Vec<_>, Vec<_>) = programs.into_iter().partition(is_alone);
     let again = others.iter().find(|program| program.name == AGAIN.0);
     let again = again.cloned();
-    let mut failed = beside(others, firmware);
+    let is_waiting = |program: &Program| WAITING.contains(&program.name.as_str());
+    let (waiting, busy): (Vec<_>, Vec<_>) = others.into_iter().partition(is_waiting);
+    let waiting = Lane::new(waiting, &WAITING, &[]);
+    let busy = Lane::new(busy, &LONG, &LAST);
+    let mut lanes = vec![&waiting];
+    lanes.extend([&busy; AT_A_TIME]);
+    let mut failed = beside(&lanes, firmware);
     if let Some(program) = again {
         let (_, (name, value), tests) = AGAIN;
-        let mut command = command(&program, firmware);
+        let mut command = command(&program, firmware, &[]);
         let output = crate::times::timed("chip_faults in the loop", || {
             command.env(name, value).args(tests).output()
         });
         failed.extend(report(&program, &output));
     }
     for program in alone {
-        let output = start(&program, firmware);
+        let output = start(&program, firmware, &[]);
         failed.extend(report(&program, &output));
     }
     if failed.is_empty() {
@@ -84,17 +93,39 @@ pub(crate) fn run(cargo: &str, arguments: &[&str], firmware: &Path) -> Result<()
     Err(format!("xtask: tests failed in {}", failed.join(", ")))
 }
 
-/// Runs programs beside each other; the names of those that failed.
-fn beside(programs: Vec<Program>, firmware: &Path) -> Vec<String> {
-    let waiting = Mutex::new(programs);
+/// Programs that wait for their turn.
+struct Lane {
+    /// Taken from the end.
+    left: Mutex<Vec<Program>>,
+    /// What each is started by.
+    by: &'static [&'static str],
+}
+
+impl Lane {
+    /// Those that `first` names come first, in that order.
+    fn new(mut programs: Vec<Program>, first: &[&str], by: &'static [&'static str]) -> Self {
+        let place = |program: &Program| first.iter().position(|name| *name == program.name);
+        programs.sort_by_key(|program| std::cmp::Reverse(place(program).unwrap_or(first.len())));
+        Self {
+            left: Mutex::new(programs),
+            by,
+        }
+    }
+
+    fn next(&self) -> Option<Program> {
+        self.left.lock().ok()?.pop()
+    }
+}
+
+/// Runs the programs of these lanes beside each other; the names of those that failed.
+fn beside(lanes: &[&Lane], firmware: &Path) -> Vec<String> {
     let (send, receive) = mpsc::channel();
     std::thread::scope(|scope| {
-        for _ in 0..AT_A_TIME {
-            let (send, waiting) = (send.clone(), &waiting);
+        for lane in lanes {
+            let send = send.clone();
             scope.spawn(move || {
-                let next = || waiting.lock().ok()?.pop();
-                while let Some(program) = next() {
-                    let output = start(&program, firmware);
+                while let Some(program) = lane.next() {
+                    let output = start(&program, firmware, lane.by);
                     if send.send((program, output)).is_err() {
                         return;
                     }
@@ -108,13 +139,21 @@ fn beside(programs: Vec<Program>, firmware: &Path) -> Vec<String> {
     })
 }
 
-fn start(program: &Program, firmware: &Path) -> std::io::Result<Output> {
-    let mut command = command(program, firmware);
+fn start(program: &Program, firmware: &Path, by: &[&str]) -> std::io::Result<Output> {
+    let mut command = command(program, firmware, by);
     crate::times::timed(&program.name, || command.output())
 }
 
-fn command(program: &Program, firmware: &Path) -> Command {
-    let mut command = Command::new(&program.file);
+/// What starts a program, by way of these words.
+fn command(program: &Program, firmware: &Path, by: &[&str]) -> Command {
+    let mut command = match by.split_first() {
+        Some((first, words)) => {
+            let mut command = Command::new(first);
+            command.args(words).arg(&program.file);
+            command
+        }
+        None => Command::new(&program.file),
+    };
     command
         .current_dir(&program.folder)
         .env("CARGO_MANIFEST_DIR", &program.folder)
@@ -185,6 +224,34 @@ fn program(message: &str) -> Option<Program> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_longest_programs_come_first_and_give_way() {
+        let program = |name: &str| Program {
+            name: name.to_owned(),
+            file: "/a".into(),
+            folder: "/b".into(),
+        };
+        let all = ["chip", "short", "docs", "brief"].map(program);
+        let lane = Lane::new(all.to_vec(), &["docs", "chip"], &LAST);
+        let order: Vec<_> = std::iter::from_fn(|| lane.next()).collect();
+        assert_eq!(order[..2], ["docs", "chip"].map(program));
+        assert_eq!(order.len(), 4);
+        let command = command(&order[0], Path::new("/f"), lane.by);
+        assert_eq!(command.get_program(), "nice");
+        assert_eq!(command.get_args().last(), Some("/a".as_ref()));
+    }
+
+    #[test]
+    fn lists_name_programs_that_are_there() {
+        let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/tests");
+        for name in ALONE.iter().chain(&WAITING).chain(&LONG) {
+            // Unit tests of a crate.
+            let is_crate = *name == "mcdpr_calibration";
+            let is_there = tests.join(format!("{name}.rs")).is_file();
+            assert!(is_crate || is_there, "{name}");
+        }
+    }
 
     #[test]
     fn messages_of_cargo_name_test_programs() {

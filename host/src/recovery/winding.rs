@@ -9,8 +9,8 @@ use crate::run::{self, RunError, wait_for};
 use mcdpr_core::recovery::gentle::{LEAST_N, MOST_CHANGE_N, Response, WAY_M};
 use mcdpr_core::recovery::looks::RestReadings;
 use mcdpr_protocol::{
-    BoardState, CableKey, CableKnot, ConfigKey, Knot, MicrometresPerSecond, Millinewtons,
-    Request, StopKind, TenthMicrometres,
+    BoardState, CableKey, CableKnot, ConfigKey, Knot, MicrometresPerSecond, Millinewtons, Request,
+    StopKind, TenthMicrometres,
 };
 
 /// Knots of one way, and the time between them, ms: 0.3 s for 0.4 mm.

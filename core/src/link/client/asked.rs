@@ -11,7 +11,7 @@ impl<L: Link> Client<L> {
     ///
     /// # Errors
     /// [`ClientError::Answer`] where the board answers something else, and those of [`Self::request`].
-    pub fn ask_status(&mut self) -> Result<Status, ClientError> {
+    pub(crate) fn ask_status(&mut self) -> Result<Status, ClientError> {
         self.asked(Request::Status, |reply| match reply {
             Reply::Status(status) => Some(status),
             _ => None,
@@ -21,7 +21,7 @@ impl<L: Link> Client<L> {
     /// What one winch reads, cables counted from 1.
     ///
     /// # Errors
-    /// As [`Self::ask_status`].
+    /// [`ClientError::Answer`] where the board answers something else, and those of [`Self::request`].
     pub fn winch(&mut self, cable: u8) -> Result<Winch, ClientError> {
         self.asked(Request::Winch { cable }, |reply| match reply {
             Reply::Winch(winch) => Some(winch),
@@ -32,7 +32,7 @@ impl<L: Link> Client<L> {
     /// Does one step of the board's test.
     ///
     /// # Errors
-    /// As [`Self::ask_status`].
+    /// [`ClientError::Answer`] where the board answers something else, and those of [`Self::request`].
     pub fn bench(&mut self, test: BenchTest) -> Result<Bench, ClientError> {
         self.asked(Request::Bench { test }, |reply| match reply {
             Reply::Bench(report) => Some(report),
@@ -43,7 +43,7 @@ impl<L: Link> Client<L> {
     /// The lengths that the board kept over its last reset.
     ///
     /// # Errors
-    /// As [`Self::ask_status`].
+    /// [`ClientError::Answer`] where the board answers something else, and those of [`Self::request`].
     pub fn kept(&mut self) -> Result<Kept, ClientError> {
         self.asked(Request::Kept, |reply| match reply {
             Reply::Kept(kept) => Some(kept),
@@ -54,7 +54,7 @@ impl<L: Link> Client<L> {
     /// What the board is.
     ///
     /// # Errors
-    /// As [`Self::ask_status`].
+    /// [`ClientError::Answer`] where the board answers something else, and those of [`Self::request`].
     pub(super) fn ask_info(&mut self) -> Result<Info, ClientError> {
         self.asked(Request::Info, |reply| match reply {
             Reply::Info(info) => Some(info),

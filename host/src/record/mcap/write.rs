@@ -1,6 +1,6 @@
 //! Writing MCAP, chunk by chunk.
 
-use mcdpr_protocol::frame::crc32;
+use crc32fast::hash as crc32;
 use mcdpr_twin::record::mcap::{MAGIC, ZSTD, op};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
